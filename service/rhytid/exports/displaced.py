@@ -19,7 +19,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 # Triangles of a subdivided mesh: some 200 bytes each while it is made and written, 4 GiB in all.
 MOST_TRIANGLES = 20_000_000
-# Of the way from a corner to the middle of its triangle: which UDIM a corner on a border is of.
+# How far towards the middle of its triangle a corner is moved before its UDIM is looked up: it may
+# lie on the border of two.
 _INWARDS = 1e-6
 
 

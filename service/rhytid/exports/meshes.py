@@ -20,7 +20,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.origin import ORIGIN, put_back
 from rhytid.errors import QueryError
 
-# Of every vertex the index of the one that it was in the mesh.
+# The attribute with the index that each vertex had in the mesh.
 VERTEX = "_VERTEX"
 _LOOK = {"baseColorFactor": [0.6, 0.45, 0.38, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.5}
 _FLOAT, _UINT = 5126, 5125

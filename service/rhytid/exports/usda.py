@@ -14,7 +14,7 @@ from rhytid.domain.units import millimetres
 from rhytid.exports.look import Look
 
 _SCOPE = "Looks"
-# Of the names of nodes: a material that is given displacement has nodes of its own.
+# Prefix of the names of nodes, since a material that is given displacement has nodes of its own.
 _NODE = "rhytid"
 Lines = Iterator[str]
 Path = tuple[str, ...]

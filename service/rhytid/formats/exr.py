@@ -153,7 +153,8 @@ def _decoded_here(data: bytes, name: str, width: int, height: int) -> NDArray[np
 
 
 def _wrong(answer: bytes) -> BadTexel | None:
-    """What the first line of an answer says; raises ValueError where it is something else."""
+    """The texel that the first line of an answer names, None for a line without one; raises
+    ValueError for any other line."""
     found = json.loads(answer[: answer.find(b"\n")])
     if found is None:
         return None
@@ -163,7 +164,7 @@ def _wrong(answer: bytes) -> BadTexel | None:
 
 
 def _decoded(data: bytes, width: int, height: int) -> bytes:
-    """What the decoder answers after READY; nothing where it fails."""
+    """The answer of the decoder after READY; empty where it fails."""
     try:
         with temporary_folder("rhytid-") as folder:
             path = folder / "map.exr"

@@ -15,7 +15,7 @@ from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size
 
 Frame = NDArray[np.float32]
 
-# Of one file: more than an hour at 24 frames per second.
+# The most frames of one file: more than an hour at 24 frames per second.
 MOST_FRAMES = 100_000
 # How far from a whole number a sample may lie and still be that frame. Times are float32 seconds:
 # after an hour their step is 0.006 of a frame.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 IDENTIFIER = b"\xabKTX 20\xbb\r\n\x1a\n"
 WRITER = b"rhytid"
 _ALIGNMENT = 4
-# Of the description: red, linear, of no colour space.
+# Values of the descriptor: red, linear, of no colour space.
 _RED, _LINEAR, _NO_PRIMARIES, _RGBSDA = 0, 1, 0, 1
 _SIGNED = 0x40
 
@@ -64,7 +64,7 @@ def ktx2_pieces(
 def _head(
     kind: Channel, shape: tuple[int, int, int], sizes: Sequence[int]
 ) -> tuple[bytes, list[int]]:
-    """What comes before the levels, and where each level begins: the smallest comes first."""
+    """The bytes before the levels, and the offset of each level; the smallest level comes first."""
     layers, rows, columns = shape
     described, keys = _description(kind), _keys()
     first = len(IDENTIFIER) + 36 + 32 + 24 * len(sizes)

@@ -37,7 +37,7 @@ _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _PIECE = 1 << 20
 _OF_MESH = ("positions", "neutral", "faces", "uv", "face_uv")
 _MEMBERS = (*_OF_MESH, "frames", "shapes", "names")
-# What zipfile raises over damaged, encrypted and unknown archives.
+# The errors of zipfile for damaged, encrypted and unknown archives.
 _DAMAGE = (
     *(zipfile.BadZipFile, zlib.error, struct.error),
     *(EOFError, OSError, RuntimeError, ValueError),
@@ -184,7 +184,7 @@ def _write_frames(
 
 
 def _member(archive: zipfile.ZipFile, name: str) -> IO[bytes]:
-    # Of one date, so that the same content has the same bytes.
+    # The date is always the same, so that the same content has the same bytes.
     return archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True)
 
 
@@ -248,7 +248,7 @@ class Archive:
 
 
 def _read(head: bytes, stream: IO[bytes], size: int) -> bytearray:
-    """So many bytes, in memory once, or fewer where the stream ends."""
+    """The first `size` bytes, of which `head` is read already; fewer where the stream ends."""
     data = bytearray(size)
     data[: len(head)] = head[:size]
     at = min(len(head), size)

@@ -30,7 +30,7 @@ _LEVEL = 1
 # The length and the name of the first chunk follow the signature.
 _HEADER = SIGNATURE + b"\x00\x00\x00\x0dIHDR"
 _HEADER_BYTES = 29
-# What the library raises where a chunk is shorter than it must be, or not what it must be.
+# The errors of the library for a chunk that is too short or malformed.
 _DAMAGED = (OSError, SyntaxError, ValueError, EOFError, IndexError, TypeError, struct.error)
 _KINDS = {2: "colours", 3: "a palette", 4: "transparency", 6: "colours and transparency"}
 
@@ -125,7 +125,7 @@ def _open(data: bytes) -> Image.Image:
 
 @contextmanager
 def _naming(name: str) -> Iterator[None]:
-    """What the library says of a damaged file, as an InputError."""
+    """Within the block, raise the errors of the library for a damaged file as InputError."""
     try:
         yield
     except UnidentifiedImageError as exc:  # its text is an address in memory

@@ -1,4 +1,4 @@
-"""What a displacement tile says about itself."""
+"""The attributes of a displacement tile or map."""
 
 from __future__ import annotations
 

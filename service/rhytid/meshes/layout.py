@@ -60,7 +60,7 @@ class Layout:
 
 
 def _overlaps(measured: MeasuredMesh, udims: tuple[int, ...]) -> tuple[dict[int, Overlap], Mask]:
-    """What overlaps in each UDIM, and which of the usable triangles do."""
+    """The overlap of each UDIM, and a mask of the usable triangles that overlap."""
     found, over = {}, np.zeros(len(measured.uv), bool)
     for udim in udims:
         origin = np.array(udim_origin(udim))

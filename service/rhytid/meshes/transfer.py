@@ -320,6 +320,6 @@ def _apart(moved: _Moved) -> float:
 
 
 def _typed(name: str, array: NDArray[Any]) -> NDArray[Any]:
-    """Of the type that the graph has."""
+    """An array in the type that the graph has for it."""
     whole = name in ("edge_nodes", "edge_partners") or name.endswith(("_triangle", "_copy_of"))
     return np.asarray(array, np.int32 if whole else np.float32)

@@ -31,7 +31,7 @@ _MARK = (178, 32, 32)
 _INSIDE = 0.85
 # Triangles that are rated, at most.
 _CANDIDATES = 400
-# Of these the best so many are drawn, at so many pixels per side.
+# So many of the best are drawn, at so many pixels per side.
 _BEST, _COARSE = 40, 24
 # Regions that are known by their folds.
 _FOLDING = ("forehead", "eye_corner", "lip")

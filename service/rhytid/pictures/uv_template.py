@@ -26,7 +26,7 @@ _ARROWS, _FINE_LINES = 28, 2048
 # Above it lines are not drawn twice as large first: it would take more than 256 MiB.
 _SMOOTHED = 8192
 _WIRE, _BORDER, _ARROW = (70, 74, 82, 150), (214, 84, 20, 255), (20, 90, 200, 255)
-# Of the length of the upward direction, of what lies in the surface: less is level ground.
+# Least length that the upward direction has within the surface; with less the ground is level.
 _LEVEL = 0.25
 SIDE = 620
 MOST_UDIMS = 6

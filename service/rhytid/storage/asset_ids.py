@@ -81,7 +81,7 @@ def _identity(settings: AssetSettings, given: bool) -> dict[str, Any]:
     if given and graph["wrinkles"] is None:
         graph["wrinkles"] = _WRINKLES_BEFORE
     graph["seed"] = settings.graph.start
-    # By expressions or not, what lines grow by is part of the id itself.
+    # The expressions that lines grow by are part of the id themselves.
     graph["lines"] = None
     values["graph"] = {k: v for k, v in graph.items() if k not in _LATER or v != getattr(plain, k)}
     return values

@@ -137,7 +137,7 @@ class AssetSnapshots:
         return None
 
     def _index(self, id: str) -> tuple[SnapshotIndex, bytes]:
-        """Of a snapshot, with its overlay."""
+        """The index of the snapshot of a built asset, and its overlay."""
         home = self._folders.existing(id, ASSET).parent
         overlay = write_overlay(f"{ASSET} {id}", present_settings(home))
         kinds = [ASSET, SHAPES] if is_folder(home / SHAPES) else [ASSET]

@@ -27,9 +27,9 @@ from rhytid.storage.manifest import write_with_manifest
 
 ASSETS, PARTIAL, PACKAGES = "assets", "partial", "packages"
 _OURS = (ASSETS, PARTIAL, PACKAGES)
-# Of the store as a whole: raise its format when an older release must not open a new store.
+# The marker of the whole store: raise its format when an older release must not open a new store.
 STORE = Kind("rhytid store", folders=_OURS, needed=(ASSETS, PARTIAL), unnamed=True)
-# What else may be in a store: kernels, a fleet's shared folder, API keys.
+# Other entries that a store may have: kernels, a fleet's shared folder, API keys.
 _BESIDE = {MARKER, LOCK, "cache", "shared", "keys.json", "keys.json.asked", "keys.json.lock"}
 _NOTHING: Mapping[str, bytes] = MappingProxyType({})
 

@@ -27,10 +27,10 @@ else:
 
 
 _FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
-# What this process is to others that want what it holds: a server, unless a command says.
+# The name of this process in the stores that it locks: a server, unless a command says.
 _SERVER = "rhytid serve"
 _name = _SERVER
-# Of a name that is read.
+# Bytes of a name that are read.
 _LONGEST = 100
 
 

@@ -33,7 +33,7 @@ _SUFFIX, _FILES, _ARCHIVE = ".zip", "files", "package.zip"
 _NAME = re.compile(UNIQUE.pattern + re.escape(_SUFFIX), re.ASCII)
 # Files of up to so many bytes are compared with their checksums when an archive is read.
 CHECKED = 1 << 18
-# Of a file's local header: its bytes, the place of the lengths of name and further fields in it.
+# The local header of a file: its bytes, and the place of the lengths of name and further fields.
 _HEADER, _LENGTHS = 30, struct.Struct("<26xHH")
 
 
@@ -60,7 +60,7 @@ class PackageCache:
 
     def __init__(self, folder: Path, partial: Path, limit: int | None) -> None:
         self._folder, self._partial, self._limit = folder, partial, limit
-        # What was read of archives before.
+        # Archives that were opened before, by their files.
         self._read: dict[Path, CachedPackage] = {}
 
     def find(self, asset: str, name: str) -> CachedPackage | None:
@@ -185,7 +185,7 @@ def _opened(file: Path) -> CachedPackage:
 
 
 def _entries(folder: Path, name: re.Pattern[str]) -> list[Path]:
-    """What is ours in a folder, ascending; nothing where there is none or it cannot be read."""
+    """The entries of a folder that rhytid made, ascending; none where it cannot be read."""
     try:
         return list(ours(folder, name)) if is_real_folder(folder) else []
     except FileNotFoundError:

@@ -159,7 +159,7 @@ def _packed(arrays: Mapping[str, NDArray[Any]]) -> bytes:
 
 
 def _of(parse: Callable[[dict[str, NDArray[Any]]], T]) -> Callable[[bytes], T]:
-    """What reads the arrays of a safetensors file."""
+    """A reader of safetensors files whose arrays `parse` takes."""
     return lambda data: parse(load(data))
 
 

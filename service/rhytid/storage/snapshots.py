@@ -168,7 +168,7 @@ class _Source:
         self._stream, self._at = stream, 0
 
     def exactly(self, size: int, what: str) -> bytes:
-        """So many bytes, fewer than a piece."""
+        """The next `size` bytes, at most a piece."""
         return b"".join(self._pieces(size, what))
 
     def expect(self, wanted: bytes, what: str) -> None:

@@ -61,7 +61,7 @@ def package_manifest(
 
 
 def _facts(maps: SkinMaps) -> dict[str, Any]:
-    """What the package is of."""
+    """The asset of the package, and its settings."""
     settings = maps.settings
     return {
         "format": m.FORMAT,
@@ -150,7 +150,7 @@ def _weights(maps: SkinMaps, triangles: int) -> m.Weights:
 
 
 def _rows(triangles: int) -> int:
-    """Of triangles, and of what stands for none."""
+    """Rows of a texture with an entry for each triangle, and one for no triangle."""
     return -(-(triangles + 1) // TRIANGLES_A_ROW)
 
 

@@ -70,7 +70,7 @@ class Language:
 def preprocessed(text: str, flags: Mapping[str, bool]) -> str:
     """A text without its `#if`: of each, the lines of the first branch that holds are kept."""
     kept: list[str] = []
-    # Of every #if around a line: whether its present branch holds, and whether any did.
+    # For every #if around a line: whether its present branch holds, and whether any did.
     around: list[tuple[bool, bool]] = []
     for line in text.splitlines():
         word, _, name = line.partition(" ")
@@ -194,7 +194,7 @@ _ES = (
     "#version 300 es\nprecision highp float;\nprecision highp int;\nprecision highp sampler2D;\n"
     "precision highp sampler2DArray;\nprecision highp usampler2DArray;\n"
 )
-# By what the manifest calls them.
+# The languages by their names in the manifest.
 LANGUAGES = {
     "glsl-es-300": _glsl(_ES),
     "glsl-410": _glsl("#version 410\n"),

@@ -23,7 +23,7 @@ from rhytid.pipeline.grain import relief
 
 # The layers of the array of maps, in this order.
 LAYERS = ("pores", "wrinkle_tilts", "grain")
-# In arrays of their own, as sets of their samples.
+# Layers with arrays of their own, stored as sets of their samples.
 WRINKLES, CUSHIONS = "wrinkles", "cushions"
 LEAST_CODE = -127
 Codes = NDArray[np.int8]

@@ -41,7 +41,7 @@ TEXTURES = (
     "cushions", "cushions_codes", "cushion_triangles",
 )  # fmt: skip
 Step = Callable[[], None]
-# What writes files of packages: textures, meshes, shaders, texts.
+# The packages of modules that write files of skin packages.
 _WRITTEN_BY = ("rhytid.exports", "rhytid.formats")
 
 

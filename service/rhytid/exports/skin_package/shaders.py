@@ -20,7 +20,7 @@ from rhytid.exports.skin_package.manifest import Blend, Layer, Manifest, Materia
 from rhytid.exports.skin_package.runtime import runtime
 
 MERGES = ("min", "soft", "signed")
-# What compute shaders of stretch are written in, by what the manifest calls it.
+# The languages of the compute shaders of stretch, by their names in the manifest.
 COMPUTE = {
     "glsl-430": replace(LANGUAGES["glsl-410"], head="#version 430\n"),
     "hlsl": LANGUAGES["hlsl"],
@@ -28,7 +28,7 @@ COMPUTE = {
 }
 NODE, DEFINITION = "rhytid_height", "ND_rhytid_height_float"
 DOCUMENT = "skin.mtlx"
-# Of MaterialX: what the language of a target is called here, and what it calls the language.
+# The languages of MaterialX's targets: its name for each, and the name in the manifest.
 TARGETS = {"genglsl": "glsl-410", "essl": "glsl-es-300"}
 _VERSION = "1.39"
 _FUNCTION = "rhytid_height_at"
@@ -168,7 +168,7 @@ def merge_unit(blend: Blend) -> float:
 
 
 def _optional(manifest: Manifest, layers: dict[str, Layer]) -> list[tuple[str, Number]]:
-    """Of the layers that not every package has."""
+    """The constants of layers that not every package has."""
     blend, cushion = manifest.blend, manifest.cushion
     lines: list[tuple[str, Number]] = []
     if blend.tilt is not None:
@@ -199,8 +199,11 @@ def _optional(manifest: Manifest, layers: dict[str, Layer]) -> list[tuple[str, N
 
 
 def _directions(blend: Blend) -> list[tuple[str, str]]:
-    """Of every bin its middle, and where the line through its depth scales is taken. As numbers: a
-    GPU may round sines coarsely."""
+    """The direction of the middle of every bin, and those where the line through its depth scales
+    is taken.
+
+    They are written as numbers, since a GPU may round sines coarsely.
+    """
     node = 0.0 if blend.tilt is None else blend.tilt.node
     turn = node * math.pi / (2 * len(blend.angles))
     angles = [angle + side * turn for angle in blend.angles for side in (0, -1, 1)]

@@ -24,7 +24,7 @@ SetCodes = NDArray[np.int8]
 Pairs = NDArray[np.uint32]
 Maps = NDArray[np.integer]
 _FORMATS = {"r8snorm": "R8_SNORM", "r16uint": "R16_UINT", "r32uint": "R32_UINT"}
-# What every WebGL2 has at least: texels a side, and layers of an array.
+# The limits of the smallest WebGL2: texels per side, and layers of an array.
 MOST_SIDE, MOST_LAYERS = 2048, 256
 # Columns of the array of the sets, and rows that every WebGL2 takes.
 A_ROW, MOST_ROWS = 1024, 2048
@@ -222,7 +222,7 @@ def _found(numbers: list[Pairs], end: int) -> Pairs:
     for first in range(0, end, TABLE):
         there = np.zeros(min(TABLE, end - first), bool)
         for values in _strips(numbers):
-            # What is below `first` wraps round to numbers beyond every table.
+            # Values below `first` wrap round to numbers beyond every table.
             within = values - np.uint32(first)
             there[within if end <= TABLE else within[within < len(there)]] = True
         found.append((np.flatnonzero(there) + first).astype(np.uint32))
@@ -236,7 +236,7 @@ def _found(numbers: list[Pairs], end: int) -> Pairs:
 
 
 def _places(found: Pairs, end: int) -> Callable[[Pairs], NDArray[np.integer]]:
-    """What tells the index of values in `found`, which has them: by a table where that is small."""
+    """A function that gives the index of values in `found`, by a table where that is small."""
     if end > TABLE:
         return lambda values: np.searchsorted(found, values)
     table = np.zeros(end, np.uint32)

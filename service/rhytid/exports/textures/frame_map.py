@@ -29,7 +29,7 @@ T = TypeVar("T", bound=np.generic)
 Facts = dict[str, str | int | float]
 # Texels that are worked on at once: some 40 doubles each.
 TEXELS = 1 << 18
-# Of a barycentric weight: the device looks up with UV that are rounded to float32.
+# Tolerance of a barycentric weight: the device looks up with UV that are rounded to float32.
 _ROUNDED = 1e-4
 # Rows that are searched at once, beside the margin on both sides.
 _ROWS = 256
