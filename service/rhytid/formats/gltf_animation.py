@@ -141,15 +141,15 @@ def _target(channel: Mapping[str, Any]) -> _Object:
     return target if isinstance(target, dict) else {}
 
 
-def _chosen(clips: list[_Named], wanted: str | None) -> _Named:
-    if wanted is not None:
+def _chosen(clips: list[_Named], name: str | None) -> _Named:
+    if name is not None:
         for clip in clips:
-            if wanted in (clip[1].get("name"), clip[0].split()[1]):
+            if name in (clip[1].get("name"), clip[0].split()[1]):
                 return clip
-    if wanted is None and len(clips) == 1:
+    if name is None and len(clips) == 1:
         return clips[0]
     listed = ", ".join(title for title, _, _ in clips[:20]) or "none"
-    asked = "one of them must be chosen by name" if wanted is None else f"none is {wanted!r}"
+    asked = "one of them must be chosen by name" if name is None else f"none is {name!r}"
     raise FrameError(f"animations that move weights of the mesh: {listed}; {asked}")
 
 

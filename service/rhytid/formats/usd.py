@@ -251,25 +251,25 @@ def _stage_notes(stage: Any) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _find_mesh(stage: Any, wanted: str | None) -> Any:
-    """The UsdGeom.Mesh at the path `wanted`, or of that name where only one has it; without
-    `wanted` the only one. Raises MeshError naming those that there are."""
+def _find_mesh(stage: Any, name: str | None) -> Any:
+    """The UsdGeom.Mesh at the path `name`, or of that name where only one has it; without a name
+    the only one. Raises MeshError naming those that there are."""
     usd, geom, _ = _modules()
     every = usd.PrimRange(stage.GetPseudoRoot(), usd.TraverseInstanceProxies())
     meshes = [geom.Mesh(prim) for prim in every if prim.IsA(geom.Mesh)]
-    if wanted is None:
+    if name is None:
         found = meshes
     else:
-        found = [mesh for mesh in meshes if wanted in (str(mesh.GetPath()), _name(mesh))]
+        found = [mesh for mesh in meshes if name in (str(mesh.GetPath()), _name(mesh))]
     if len(found) == 1:
         return found[0]
     if not meshes:
         raise MeshError("the stage has no mesh (UsdGeom.Mesh)")
-    if wanted is None:
+    if name is None:
         raise MeshError(f"the stage has {len(meshes)} meshes, one must be chosen: {_list(meshes)}")
     if found:
-        raise MeshError(f"{len(found)} meshes are called {wanted!r}: {_list(found)}")
-    raise MeshError(f"no mesh {wanted!r:.200} on the stage; there are: {_list(meshes)}")
+        raise MeshError(f"{len(found)} meshes are called {name!r}: {_list(found)}")
+    raise MeshError(f"no mesh {name!r:.200} on the stage; there are: {_list(meshes)}")
 
 
 def _bake_skin(stage: Any, prim: Any) -> None:

@@ -116,8 +116,8 @@ def _manifest(folder: Path, label: str) -> dict[str, Any]:
     manifest = parse_canonical(_bytes(path), path)
     facts = manifest.get("files") if isinstance(manifest, dict) else None
     check_format(manifest, FORMAT, path)
-    wanted = {"format": FORMAT, "label": label, "files": facts}
-    if manifest != wanted or not isinstance(facts, dict):
+    expected = {"format": FORMAT, "label": label, "files": facts}
+    if manifest != expected or not isinstance(facts, dict):
         raise damaged(path, f"not a manifest of {label}, format {FORMAT}")
     return facts
 

@@ -101,7 +101,7 @@ class Snapshot:
     def __exit__(self, *exc: object) -> None:
         self.close()
 
-    def _content(self, name: str, wanted: StoredFile) -> Iterator[bytes]:
+    def _content(self, name: str, expected: StoredFile) -> Iterator[bytes]:
         file, path = self._files[name], self._paths[name]
         digest, size = hashlib.sha256(), 0
         with reported(f"{path} cannot be read"):
@@ -109,10 +109,10 @@ class Snapshot:
             while piece := file.read(PIECE):
                 digest.update(piece)
                 size += len(piece)
-                if size > wanted.nbytes:
+                if size > expected.nbytes:
                     break
                 yield piece
-        if StoredFile(size, digest.hexdigest()) != wanted:
+        if StoredFile(size, digest.hexdigest()) != expected:
             raise damaged(path, "it is not what the manifest says")
 
 
@@ -171,10 +171,10 @@ class _Source:
         """The next `size` bytes, at most a piece."""
         return b"".join(self._pieces(size, what))
 
-    def expect(self, wanted: bytes, what: str) -> None:
+    def expect(self, expected: bytes, what: str) -> None:
         """Pass by bytes that can only be these."""
         at = self._at
-        if self.exactly(len(wanted), what) != wanted:
+        if self.exactly(len(expected), what) != expected:
             raise SnapshotError(f"it is damaged from byte {at} on: that is not {what}")
 
     def content(self, name: str, file: StoredFile) -> Iterator[bytes]:

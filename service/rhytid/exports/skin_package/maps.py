@@ -113,9 +113,9 @@ def check_settings(settings: AssetSettings) -> None:
         "bins.bits": (settings.bins.bits, lambda v: v == 8, "8"),
         "bins.merge": (settings.bins.merge, lambda v: v != "mellow", "min, soft or signed"),
     }
-    for name, (value, good, wanted) in known.items():
+    for name, (value, good, rule) in known.items():
         if not good(value):
-            raise SettingsError(f"{name} is {value}: packages are made where it is {wanted}")
+            raise SettingsError(f"{name} is {value}: packages are made where it is {rule}")
     bins = settings.bins
     others = map_count(bins) - bins.count * bins.samples + (relief(settings) > 0.0)
     Paging.of(settings.resolution, max(others, bins.count))

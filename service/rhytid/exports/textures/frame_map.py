@@ -202,14 +202,14 @@ def _nearest(known: NDArray[np.bool_]) -> NDArray[np.int32]:
 
 
 def _nearest_inside(
-    wanted: NDArray[np.bool_], inside: NDArray[np.bool_], reach: int
+    outside: NDArray[np.bool_], inside: NDArray[np.bool_], reach: int
 ) -> Iterator[tuple[NDArray[np.int32], NDArray[np.int32]]]:
-    """Numbers of texels that are wanted, and of the nearest ones inside, some rows at a time: a
+    """Numbers of texels that are outside, and of the nearest ones inside, some rows at a time: a
     search of the whole map takes 12 bytes a texel. Where none is within reach of the rows, the
     texel is left out."""
-    side = len(wanted)
+    side = len(outside)
     for start in range(0, side, _ROWS):
-        row, column = np.nonzero(wanted[start : start + _ROWS])
+        row, column = np.nonzero(outside[start : start + _ROWS])
         first = max(start - reach, 0)
         near = inside[first : start + _ROWS + reach]
         if not len(row) or not near.any():

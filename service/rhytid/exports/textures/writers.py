@@ -193,21 +193,21 @@ def _normals(
     # The axes of the triangle, turned into the plane of the interpolated normal.
     first = unit(posed.along[found] - dot(posed.along[found], normal) * normal)
     second = sign * np.cross(normal, first)
-    wanted = normal - along * first - across * second
-    return _in_frame(wanted, mean, tangent, sign * np.cross(mean, tangent))
+    direction = normal - along * first - across * second
+    return _in_frame(direction, mean, tangent, sign * np.cross(mean, tangent))
 
 
 def _in_frame(
-    wanted: FloatArray, normal: FloatArray, tangent: FloatArray, bitangent: FloatArray
+    direction: FloatArray, normal: FloatArray, tangent: FloatArray, bitangent: FloatArray
 ) -> FloatArray:
-    """Unit (x, y, z) with x T + y B + z N along `wanted`; T need not be orthogonal to N, nor any of
-    them of length 1."""
+    """Unit (x, y, z) with x T + y B + z N along `direction`. T need not be orthogonal to N, and
+    none of them need be of length 1."""
     size = np.maximum(dot(normal, normal), 1e-300)
     lean = dot(tangent, normal) / size
     flat = tangent - lean * normal
-    x = dot(wanted, flat) / np.maximum(dot(flat, flat), 1e-300)
-    y = dot(wanted, bitangent) / np.maximum(dot(bitangent, bitangent), 1e-300)
-    return unit(np.concatenate([x, y, dot(wanted, normal) / size - x * lean], axis=1))
+    x = dot(direction, flat) / np.maximum(dot(flat, flat), 1e-300)
+    y = dot(direction, bitangent) / np.maximum(dot(bitangent, bitangent), 1e-300)
+    return unit(np.concatenate([x, y, dot(direction, normal) / size - x * lean], axis=1))
 
 
 def _slopes(heights: NDArray[np.float32], chart: Chart, rows: slice) -> FloatArray:
