@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rhytid.errors import InputError
-from rhytid.pictures.colours import axis_wheel, diverging, signed_grey
 from rhytid.pictures.flat_patches import FlatPatch, most_stretched_patches
-from rhytid.pictures.images import Picture, to_picture
-from rhytid.pictures.legends import (
+from rhytid.pictures.images import Picture, axis_wheel, diverging, signed_grey, to_picture
+from rhytid.pictures.raster import View, shade_mesh, vertex_normals
+from rhytid.pictures.sheet import (
+    Panel,
     axis_arrows,
     blank_strip,
     colour_bar,
     marked,
     scale_bar,
+    sheet,
     wheel_legend,
 )
-from rhytid.pictures.shade_mesh import View, shade_mesh, vertex_normals
-from rhytid.pictures.sheet import Panel, sheet
 from rhytid.pictures.surface_patch import Frame, SurfacePatch, surface_patch
 from rhytid_client import Method
 

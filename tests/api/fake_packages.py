@@ -10,7 +10,7 @@ from pathlib import Path
 from api.fake_state import FakeState, Part
 from rhytid.engine.messages import JobInfo, Package
 from rhytid.errors import ChangedError
-from rhytid.storage.package_archive import read_archive, write_archive
+from rhytid.storage.packages import read_archive, write_archive
 
 FILES = {
     "index.html": b"<!doctype html>\n",

@@ -25,7 +25,7 @@ from rhytid.api.routes.packages import KEY, OpenPackage, byte_range, opened
 from rhytid.api.routes.pages import SAFE
 from rhytid.engine.messages import JobInfo, Package
 from rhytid.errors import BusyError, QuotaError
-from rhytid.storage.package_archive import read_archive
+from rhytid.storage.packages import read_archive
 from rhytid_client import Client
 
 TEXTURE = "textures/maps.1001.ktx2"

@@ -25,9 +25,8 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.errors import RhytidError
-from rhytid.formats import exr_header
-from rhytid.formats.expressions import read_expressions
-from rhytid.formats.frames import NPY, RAW, read_positions
+from rhytid.formats import exr as exr_format
+from rhytid.formats.frames import NPY, RAW, read_expressions, read_positions
 from rhytid.formats.gltf import promised_by_gltf
 from rhytid.formats.graphs import read_graph, write_graph
 from rhytid.formats.meshes import read_mesh
@@ -147,14 +146,14 @@ def test_png_images(data: bytes) -> None:
 @given(damaged(exr(GREY)[:400]))
 @hard
 def test_exr_headers(data: bytes) -> None:
-    taken(exr_header.read_sides, data, "m.exr")
+    taken(exr_format.read_sides, data, "m.exr")
 
 
 @given(damaged(exr(GREY)))
 @settings(hard, max_examples=20)
 def test_exr_images(data: bytes) -> None:
     """In the process that decodes them."""
-    if data.startswith(exr_header.SIGNATURE):
+    if data.startswith(exr_format.SIGNATURE):
         budget = ByteBudget(1 << 30, "RHYTID_HOST_MEMORY_MB")
         taken(read, images(1, data, "exr"), budget.hold("uploads"))
 

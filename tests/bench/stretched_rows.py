@@ -20,8 +20,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.engine import open_device
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
-from rhytid.pictures.legends import scale_bar
-from rhytid.pictures.sheet import Panel, sheet
+from rhytid.pictures.sheet import Panel, scale_bar, sheet
 from rhytid.pictures.surface_patch import Frame as View
 from rhytid.pictures.surface_patch import surface_patch
 from rhytid.support.settings import ServiceSettings

@@ -15,7 +15,7 @@ from rhytid.cli.control_samples import samples
 from rhytid.cli.control_skins import ControlSkins
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError
-from rhytid.pictures.control_sheet import PATCH
+from rhytid.pictures.sheet import PATCH
 
 pytestmark = pytest.mark.release
 

@@ -11,9 +11,9 @@ import pytest
 from cli.running import write_animation, write_neutral
 from meshes import SmallMesh
 from rhytid.cli import main
+from rhytid.exports.displaced import sampled
 from rhytid.formats.exr import read_exr
 from rhytid.formats.meshes import read_mesh
-from rhytid.meshes.displaced import sampled
 
 SMALL = ("--resolution", "256", "--wrinkles", "400")
 

@@ -11,7 +11,7 @@ from pxr import Usd
 
 from cli.running import usage_error
 from rhytid.cli import main
-from rhytid.formats.exr import write_exr
+from rhytid.exports.textures.writers import write_exr
 from rhytid.formats.tile_header import TileHeader
 
 
@@ -23,7 +23,7 @@ def write_maps(folder: Path, *names: str, unit: str = "cm") -> Path:
         header = TileHeader(
             unit, frame, "asset", "redraw", "tensor", "nearest", int(udim), 0, 0, 0, 1.0
         )
-        write_exr(folder / name, np.full((2, 2), -0.01, np.float32), header)
+        write_exr(folder / name, np.full((2, 2), -0.01, np.float32), header.attributes())
     return folder
 
 

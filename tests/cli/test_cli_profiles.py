@@ -12,15 +12,15 @@ import pytest
 from numpy.typing import NDArray
 
 from cli.running import usage_error, write_animation
+from exports.textures.reading import read_texture
 from meshes import SmallMesh
 from rhytid.cli import main
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import MapQuery
+from rhytid.exports.textures import PROFILE_NAMES
+from rhytid.exports.textures.frame_map import Chart
 from rhytid.formats.meshes import read_mesh
 from rhytid.support.settings import ServiceSettings
-from rhytid.textures.chart import Chart
-from rhytid.textures.names import PROFILE_NAMES
-from textures.reading import read_texture
 
 SMALL = ("--resolution", "256", "--wrinkles", "400")
 

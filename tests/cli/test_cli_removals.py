@@ -11,7 +11,7 @@ import pytest
 from meshes import bumpy_grid
 from rhytid.cli import main
 from rhytid.errors import InputError
-from rhytid.skin_package.package import has_package
+from rhytid.exports.skin_package.package import has_package
 from rhytid_lab.commands.demo_session import remove_earlier
 
 OF_A_DEMO = ("contact_0003.png", "redraw/face.1001.0003.exr", "binned/face.1001.0003.exr")

@@ -20,9 +20,9 @@ from rhytid.cli.warned import Warned
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import StorageError, StrictError
+from rhytid.exports.textures.profiles import profiles_of
 from rhytid.formats.exr import read_exr
 from rhytid.formats.meshes import MeshFile
-from rhytid.textures.profiles import profiles_of
 
 SQUARE = Mesh(
     positions=[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]],

@@ -12,8 +12,8 @@ from house.syntax import ROOT
 from rhytid.api.live.wire import CODES as LIVE_FORMATS
 from rhytid.api.schemas import GRAPH_FORMATS
 from rhytid.engine.messages import METHODS, SAMPLINGS, STRETCH_MODELS
+from rhytid.exports.meshes import MESH_FORMATS
 from rhytid.formats.tiles import FORMATS
-from rhytid.meshes.export import MESH_FORMATS
 from rhytid_client import (
     GraphFormat,
     LiveFormat,

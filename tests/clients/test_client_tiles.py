@@ -15,7 +15,7 @@ from PIL import Image
 from clients.shells import Script
 from rhytid.cli.bake_output import FLOATS, Output
 from rhytid.cli.frame_files import FramePlace
-from rhytid.formats.grey_png import read_grey_png
+from rhytid.formats.png import read_grey_png
 from rhytid_client import Tile, npy, png
 
 ROWS = np.linspace(-0.3, 0.4, 20)[:, None] * np.linspace(0.1, 1.0, 30)

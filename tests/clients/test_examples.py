@@ -16,7 +16,7 @@ from cli.running import write_animation
 from engine.engines import running
 from house.syntax import ROOT
 from meshes import bumpy_grid
-from rhytid.formats.grey_png import read_grey_png
+from rhytid.formats.png import read_grey_png
 
 pytestmark = pytest.mark.slow
 EXAMPLES = ROOT / "examples"

@@ -307,7 +307,7 @@ def _global(module: str, name: str) -> Any:
         _Evil("os", "system", "true"),
         _Evil("subprocess", "run", "true"),
         _Evil("builtins", "eval", "1"),
-        _Evil("rhytid.formats.grey_exr", "read_grey_exr", b"", ""),
+        _Evil("rhytid.formats.exr", "read_grey_exr", b"", ""),
         _Evil("numpy", "fromfile", "x"),
         np.fromfile,
         open,

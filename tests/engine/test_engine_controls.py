@@ -12,7 +12,7 @@ from pipeline.scenes import random_graph, settings_of, sheet
 from rhytid.domain.painted_maps import Controls
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError, LimitError
-from rhytid.storage.contents import asset_id
+from rhytid.storage.asset_ids import asset_id
 from rhytid.storage.store import AssetStore
 
 RAMP = np.tile(np.linspace(0, 1, 8, dtype=np.float32), (8, 1))

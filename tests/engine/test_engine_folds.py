@@ -13,7 +13,7 @@ from rhytid.domain.expressions import Expressions, expressions_for_lines
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError
 from rhytid.pipeline.folds import measured_folds
-from rhytid.storage.contents import asset_id
+from rhytid.storage.asset_ids import asset_id
 from rhytid.storage.store import AssetStore
 from rhytid.synthesis.surface import Surface
 from synthesis import sheets

@@ -21,12 +21,12 @@ from rhytid.domain.painted_maps import Controls
 from rhytid.domain.skin import depth_factor
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import GraphError, LimitError, SettingsError
+from rhytid.exports.textures.frame_map import Padding
 from rhytid.formats.exr import read_exr
 from rhytid.formats.graphs import read_graph, write_graph
 from rhytid.storage import AssetStore
 from rhytid.storage.canonical import canonical
 from rhytid.storage.records import StoredAsset
-from rhytid.textures.padding import Padding
 from synthesis import sheets
 
 # 4 cm a side: 9,700 wrinkles where pores are half a millimetre apart.

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from engine.engines import MIB, built, finish, new_asset, rest, running
+from exports.skin_package.conftest import write_package
 from rhytid.domain.painted_maps import Stiffness
 from rhytid.engine import packages as module
 from rhytid.engine.engine import Engine
@@ -28,10 +29,9 @@ from rhytid.errors import (
     LimitError,
     NotFoundError,
 )
-from rhytid.skin_package.package import PackageWriter
-from rhytid.storage.packages import KeptPackages
+from rhytid.exports.skin_package.package import PackageWriter
+from rhytid.storage.packages import PackageCache
 from rhytid.storage.store import AssetStore
-from skin_package.conftest import write_package
 
 
 @pytest.fixture
@@ -270,14 +270,14 @@ def test_the_asset_is_free_while_room_is_made(
     lock = engine.packages._assets.get(asset).lock
     free: list[bool] = []
 
-    def look(_: KeptPackages, nbytes: int) -> None:
+    def look(_: PackageCache, nbytes: int) -> None:
         with ThreadPoolExecutor(1) as other:  # the thread that asks may hold it
             taken = other.submit(lock.acquire, False).result()
             free.append(taken)
             if taken:
                 other.submit(lock.release).result()
 
-    monkeypatch.setattr(KeptPackages, "make_room", look)
+    monkeypatch.setattr(PackageCache, "make_room", look)
     made(engine, asset)
     assert free == [True, True]
 

@@ -28,7 +28,7 @@ from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import InputError, NotFoundError, SettingsError
-from rhytid.skin_package.maps import SkinMaps
+from rhytid.exports.skin_package.maps import SkinMaps
 from rhytid.storage import AssetStore
 
 MESH = sheet(udims=2)

@@ -18,7 +18,7 @@ from rhytid.engine.assets import stored as stored_assets
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import QueryError, StrictError
 from rhytid.formats.graphs import write_graph
-from rhytid.storage.build_facts import BuildFacts
+from rhytid.storage.records import BuildFacts
 from rhytid_client import Client, Notice, RhytidWarning
 
 # The sheet is 2 units wide: in feet it could be a face.

@@ -17,8 +17,8 @@ from rhytid.cli.bake_output import Output
 from rhytid.cli.dask_bake import DaskBake
 from rhytid.cli.frame_files import FramePlace
 from rhytid.errors import StorageError
+from rhytid.exports.textures.profiles import profiles_of
 from rhytid.support.atomic_files import sweep
-from rhytid.textures.profiles import profiles_of
 from storage.leftovers import left_by_a_killed_writer
 
 PROFILES = profiles_of(["float", "weights"])

@@ -10,7 +10,7 @@ import pytest
 
 from formats.writers import SQUARE, SQUARE_FACES, SQUARE_UV, glb, gltf, npy, npz
 from rhytid.errors import FrameError, LimitError, MeshError
-from rhytid.formats.expressions import read_expressions
+from rhytid.formats.frames import read_expressions
 from rhytid.formats.meshes import read_mesh
 
 SHAPES = np.stack([SQUARE, SQUARE * np.float32([0.8, 1, 1]), SQUARE + np.float32(0.5)])

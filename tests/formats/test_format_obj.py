@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from formats.writers import SQUARE, SQUARE_ARRAYS, SQUARE_UV, obj, same_mesh
 from rhytid.errors import LimitError, MeshError
-from rhytid.formats.obj import read_obj, read_obj_positions
-from rhytid.formats.obj_statements import split_statements
+from rhytid.formats.obj import read_obj, read_obj_positions, split_statements
 
 PLAIN = """\
 v 0 0 0.5

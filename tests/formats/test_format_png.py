@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from exports.textures.reading import read_texture
 from rhytid.errors import InputError
 from rhytid.formats.png import encode_png
-from textures.reading import read_texture
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])

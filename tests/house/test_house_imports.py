@@ -30,18 +30,17 @@ ALLOWED = {
     "pipeline": _TOOLS,
     "synthesis": _TOOLS,
     "storage": _TOOLS,
-    "textures": _FACTS | {"formats"},
-    "skin_package": _FACTS | {"formats", "meshes", "pipeline"},
-    "engine": _TOOLS | _WORK | {"skin_package"},
+    "exports": _FACTS | {"formats", "pipeline"},
+    "engine": _TOOLS | _WORK | {"exports"},
     "engine_process": _TOOLS | {"engine", "storage"},
     "decoding": _FACTS | {"formats", "engine", "engine_process"},
     "fleet": _TOOLS | {"api", "decoding", "engine", "engine_process", "storage"},
-    "api": _TOOLS | {"decoding", "engine", "engine_process", "meshes", "storage"},
+    "api": _TOOLS | {"decoding", "engine", "engine_process", "exports", "storage"},
     "farm": _FACTS | {"device"},
     "cli": _TOOLS
     | _WORK
     | {"engine", "engine_process", "api", "fleet", "farm"}
-    | {"pictures", "meshes", "textures", "skin_package"},
+    | {"exports", "meshes", "pictures"},
 }
 # Modules of `rhytid.support` that only what runs a service may import: the rest is told.
 SERVICES = {"engine", "engine_process", "decoding", "fleet", "api", "cli", "support"}
@@ -53,9 +52,9 @@ ONLY_IN = {
     "starlette": {"api"},
     "uvicorn": {"cli"},
     "rhytid_kernels": {"device", "support"},
-    "rhytid_viewer": {"api", "skin_package"},
-    "trimesh": {"meshes"},
-    "OpenImageIO": {"textures"},
+    "rhytid_viewer": {"api", "exports"},
+    "trimesh": {"exports", "meshes"},
+    "OpenImageIO": {"exports"},
     "dask": {"farm"},
     "distributed": {"farm"},
     "fsspec": {"storage"},

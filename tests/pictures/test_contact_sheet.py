@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError, MeshError
-from rhytid.pictures.crops import surface_crop
 from rhytid.pictures.flat_patches import FlatPatch, most_stretched_patches
+from rhytid.pictures.relief import surface_crop
 from rhytid.pictures.sheet import GAP, MARGIN
 from rhytid_lab.contact_sheets import SIZE, Performance, contact_sheet, patch_views, relative_rms
 from rhytid_lab.samples.sphere import RADIUS, sphere, sphere_stretch

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rhytid.pictures.control_sheet import ACROSS, PATCH, LabelledPatch, control_sheet
-from rhytid.pictures.sheet import MARGIN, TITLE
+from rhytid.pictures.sheet import ACROSS, MARGIN, PATCH, TITLE, LabelledPatch, control_sheet
 
 
 def patches(first: int) -> list[LabelledPatch]:

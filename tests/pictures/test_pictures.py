@@ -6,12 +6,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rhytid.pictures.colours import NEUTRAL, axis_wheel, diverging, signed_grey
-from rhytid.pictures.crops import spline_samples
-from rhytid.pictures.images import blur, downsample, to_picture
-from rhytid.pictures.legends import STRIP, axis_arrows, colour_bar, scale_bar, wheel_legend
-from rhytid.pictures.relief import height_normals, relief
-from rhytid.pictures.sheet import GAP, MARGIN, TITLE, Panel, sheet
+from rhytid.pictures.images import (
+    NEUTRAL,
+    axis_wheel,
+    blur,
+    diverging,
+    downsample,
+    signed_grey,
+    to_picture,
+)
+from rhytid.pictures.relief import height_normals, relief, spline_samples
+from rhytid.pictures.sheet import (
+    GAP,
+    MARGIN,
+    STRIP,
+    TITLE,
+    Panel,
+    axis_arrows,
+    colour_bar,
+    scale_bar,
+    sheet,
+    wheel_legend,
+)
 
 
 def ramp(across: float, up: float, side: int = 12) -> NDArray[np.float64]:

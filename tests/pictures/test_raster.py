@@ -5,8 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rhytid.pictures.images import BACKGROUND
-from rhytid.pictures.raster import rasterize, rasterize_uv
-from rhytid.pictures.shade_mesh import View, shade_mesh, vertex_normals
+from rhytid.pictures.raster import View, rasterize, rasterize_uv, shade_mesh, vertex_normals
 from rhytid_lab.samples.face import procedural_face
 from rhytid_lab.samples.sphere import RADIUS, sphere
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rhytid.domain.mesh import Mesh
-from rhytid.pictures.region_views import region_views
+from rhytid.pictures.preview import region_views
 from rhytid_lab.samples.sphere import RADIUS, sphere
 
 SIDE, PIXELS = 0.2 * RADIUS, 48

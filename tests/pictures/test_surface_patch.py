@@ -7,9 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from tests.reference.orthographic import ray_uv, tangent_axes
 
-from rhytid.pictures.crops import spline_samples, spline_slopes
-from rhytid.pictures.relief import flat_light, lit
-from rhytid.pictures.shade_mesh import vertex_normals
+from rhytid.pictures.raster import vertex_normals
+from rhytid.pictures.relief import flat_light, lit, spline_samples, spline_slopes
 from rhytid.pictures.surface_patch import Frame, surface_patch
 from rhytid_lab.samples.sphere import RADIUS, sphere
 

@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rhytid.domain.mesh import Mesh
-from rhytid.pictures.template_guide import guide
-from rhytid.pictures.uv_template import Charts, filled, starter, template
+from rhytid.pictures.uv_template import Charts, filled, guide, starter, template
 
 SIZE = 200
 # The corners of a square of two triangles, seen from +z, and the same in UV turned by 90°.

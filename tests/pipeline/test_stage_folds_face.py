@@ -11,7 +11,7 @@ import face_data
 from rhytid.device.runtime import Device
 from rhytid.domain.expressions import Expressions, Folds
 from rhytid.domain.mesh import Mesh
-from rhytid.pictures.shade_mesh import vertex_normals
+from rhytid.pictures.raster import vertex_normals
 from rhytid.pipeline.folds import measured_folds
 from rhytid.synthesis.workspace import directly
 

@@ -19,7 +19,7 @@ from rhytid.domain.graph import GraphOrigin, WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Stiffness
 from rhytid.storage import asset_id
-from rhytid.storage.contents import read_mesh, write_mesh
+from rhytid.storage.records import read_mesh, write_mesh
 
 ONE = np.ones((2, 3), np.float32)
 MAPS = ({}, {1001: ONE}, {1002: ONE}, {1001: ONE.T}, {1001: ONE, 1002: ONE}, {1001: 0 * ONE})

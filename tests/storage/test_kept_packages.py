@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from rhytid.errors import LimitError, StorageError
-from rhytid.storage.package_archive import CHECKED, read_archive, write_archive
-from rhytid.storage.packages import KeptPackages
+from rhytid.storage.packages import CHECKED, PackageCache, read_archive, write_archive
 from rhytid.support import atomic_files
 
 ASSET = "0123456789abcdef"
@@ -19,16 +18,16 @@ FILES = {"manifest.json": b"{}", "textures/maps.1001.ktx2": bytes(300_000)}
 
 
 @pytest.fixture
-def packages(tmp_path: Path) -> KeptPackages:
+def packages(tmp_path: Path) -> PackageCache:
     return opened(tmp_path)
 
 
-def opened(folder: Path, limit: int | None = 10_000_000) -> KeptPackages:
+def opened(folder: Path, limit: int | None = 10_000_000) -> PackageCache:
     (folder / "partial").mkdir(exist_ok=True)
-    return KeptPackages(folder / "packages", folder / "partial", limit)
+    return PackageCache(folder / "packages", folder / "partial", limit)
 
 
-def keep(packages: KeptPackages, asset: str = ASSET, name: str = KEY) -> None:
+def keep(packages: PackageCache, asset: str = ASSET, name: str = KEY) -> None:
     with packages.making(asset) as made:
         for path, data in FILES.items():
             (made / path).parent.mkdir(parents=True, exist_ok=True)
@@ -38,7 +37,7 @@ def keep(packages: KeptPackages, asset: str = ASSET, name: str = KEY) -> None:
 
 
 def test_what_is_kept_is_found_and_read_once(
-    packages: KeptPackages, monkeypatch: pytest.MonkeyPatch
+    packages: PackageCache, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     keep(packages)
     found = packages.find(ASSET, KEY)
@@ -54,7 +53,7 @@ def test_what_is_kept_is_found_and_read_once(
     assert packages.find(ASSET, KEY) is found
 
 
-def test_the_same_files_give_the_same_bytes(packages: KeptPackages) -> None:
+def test_the_same_files_give_the_same_bytes(packages: PackageCache) -> None:
     keep(packages)
     keep(packages, name=OTHER)
     one, other = packages.find(ASSET, KEY), packages.find(ASSET, OTHER)
@@ -64,7 +63,7 @@ def test_the_same_files_give_the_same_bytes(packages: KeptPackages) -> None:
 
 
 def test_another_process_may_remove_and_replace_them(
-    packages: KeptPackages, tmp_path: Path
+    packages: PackageCache, tmp_path: Path
 ) -> None:
     keep(packages)
     assert packages.find(ASSET, KEY) is not None
@@ -76,7 +75,7 @@ def test_another_process_may_remove_and_replace_them(
 
 
 def test_reading_beside_removals_finds_all_or_nothing(
-    packages: KeptPackages, tmp_path: Path
+    packages: PackageCache, tmp_path: Path
 ) -> None:
     """As another process removes and makes them: this one raises nothing."""
     other, over = opened(tmp_path), threading.Event()
@@ -128,7 +127,7 @@ def test_a_packages_folder_that_is_a_file_is_left(tmp_path: Path) -> None:
 
 
 def test_of_archives_only_those_of_known_assets_survive_a_sweep(
-    packages: KeptPackages, tmp_path: Path
+    packages: PackageCache, tmp_path: Path
 ) -> None:
     for asset in (ASSET, "f" * 16, "e" * 16):
         keep(packages, asset)

@@ -24,8 +24,7 @@ from rhytid.errors import DiskFullError, SnapshotError, StorageError
 from rhytid.formats.graphs import write_graph
 from rhytid.storage import AssetStore
 from rhytid.storage.canonical import canonical, hashed
-from rhytid.storage.kept_shapes import shape_files
-from rhytid.storage.overlays import write_overlay
+from rhytid.storage.records import shape_files, write_overlay
 from storage.disk import Disk
 
 ID = "00112233aabbccdd"

@@ -16,7 +16,7 @@ from rhytid.domain.painted_maps import Stiffness
 from rhytid.errors import NotFoundError, StorageError
 from rhytid.storage import AssetStore
 from rhytid.storage.canonical import hashed
-from rhytid.storage.overlays import read_overlay, write_overlay
+from rhytid.storage.records import read_overlay, write_overlay
 from rhytid.support import atomic_files
 
 ID, OTHER = "00112233aabbccdd", "ffffffffffffffff"

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from engine.engines import built, running
+from exports.skin_package.conftest import write_package
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Expressions
 from rhytid.engine.messages import NewAsset
 from rhytid_lab.samples.face import procedural_face
-from skin_package.conftest import write_package
 from viewer.looking import FLAGS, HEIGHT, WIDTH, Look
 from viewer.serving import Served
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 import face_data
 from engine.engines import BINNED, REDRAW, built, draw, running
+from exports.skin_package.conftest import write_package
 from reference.stretch import stretch as reference
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Expressions
@@ -28,7 +29,6 @@ from rhytid.domain.tiles import TileAddress
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import NewAsset
 from rhytid_lab.samples.face import procedural_face
-from skin_package.conftest import write_package
 from viewer.looking import Look
 
 pytestmark = pytest.mark.browser

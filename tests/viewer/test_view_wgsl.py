@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from rhytid.skin_package.manifest import Manifest
-from skin_package.variants import whole_shaders
+from exports.skin_package.variants import whole_shaders
+from rhytid.exports.skin_package.manifest import Manifest
 from viewer.conftest import CHROMIUM
 from viewer.looking import FLAGS
 

@@ -9,9 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from rhytid.domain.notices import NOTICES
 from rhytid.domain.warnings import CODES
 from rhytid.engine.messages import METHODS, SAMPLINGS, STRETCH_MODELS, MapQuery
-from rhytid.formats.curves import CURVE_FORMATS
+from rhytid.exports.curves import CURVE_FORMATS
+from rhytid.exports.meshes import MESH_FORMATS
 from rhytid.formats.tiles import FORMATS
-from rhytid.meshes.export import MESH_FORMATS
 
 STRICT = "warnings are an error: 422, with `warnings`; nothing is stored or begun"
 ALLOW = (

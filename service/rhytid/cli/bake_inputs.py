@@ -24,9 +24,9 @@ from rhytid.domain.settings_changes import settings_unused
 from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError, SettingsError
+from rhytid.exports.textures.profiles import Profile, profiles_of
 from rhytid.formats.frame_set import Clip
 from rhytid.formats.meshes import MeshFile
-from rhytid.textures.profiles import Profile, profiles_of
 
 
 @dataclass(frozen=True)

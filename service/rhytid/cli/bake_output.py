@@ -13,10 +13,10 @@ from rhytid.cli.bake_record import BakeRecord, drawn_by
 from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.frame_range import FrameRange
 from rhytid.domain.wording import plural
+from rhytid.exports.textures.frame_map import FrameMap
+from rhytid.exports.textures.profiles import PROFILES, Profile
 from rhytid.support.atomic_files import atomic_write, write_file
 from rhytid.support.build_identity import file_attributes
-from rhytid.textures.frame_map import FrameMap
-from rhytid.textures.profiles import PROFILES, Profile
 
 _UNITS = ("bytes", "kB", "MB", "GB", "TB")
 FLOATS = (PROFILES["float"],)

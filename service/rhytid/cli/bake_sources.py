@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import AssetInfo
-from rhytid.textures.chart import Chart
-from rhytid.textures.frame_map import FrameMap
-from rhytid.textures.padding import Padding
-from rhytid.textures.tangents import Posed
-from rhytid.textures.weights import corner_weights
+from rhytid.exports.textures.frame_map import Chart, FrameMap, Padding
+from rhytid.exports.textures.tangents import Posed
+from rhytid.exports.textures.writers import corner_weights
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine

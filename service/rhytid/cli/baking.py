@@ -23,11 +23,11 @@ from rhytid.cli.voice import detail
 from rhytid.cli.warned import Warned
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import AssetInfo, MapQuery
-from rhytid.meshes.displaced import Subdivided
-from rhytid.meshes.export import mesh_format
+from rhytid.exports.displaced import Subdivided
+from rhytid.exports.meshes import mesh_format
+from rhytid.exports.textures.frame_map import FrameMap
+from rhytid.exports.textures.profiles import Profile
 from rhytid.support.atomic_files import atomic_write, write_file
-from rhytid.textures.frame_map import FrameMap
-from rhytid.textures.profiles import Profile
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine

@@ -66,8 +66,7 @@ def run(arguments: argparse.Namespace) -> None:
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     from rhytid.cli.input_files import mesh_file
     from rhytid.cli.places import make_place
-    from rhytid.meshes.check import MeshCheck
-    from rhytid.meshes.words import HEADER, rows
+    from rhytid.meshes.check import HEADER, MeshCheck, rows
 
     picture: Path | None = arguments.picture
     if picture is not None:

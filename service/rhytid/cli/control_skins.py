@@ -19,8 +19,8 @@ from rhytid.domain.painted_maps import Controls, Stiffness
 from rhytid.domain.tiles import triangles_inside, udim_origin
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.errors import InputError
-from rhytid.meshes.cutting import cut_around
-from rhytid.pictures.control_sheet import PATCH, LabelledPatch
+from rhytid.meshes.nearest import cut_around
+from rhytid.pictures.sheet import PATCH, LabelledPatch
 from rhytid.pictures.surface_patch import SurfacePatch, surface_patch
 from rhytid.synthesis.generate import Synthesis, synthesize
 from rhytid.synthesis.progress import silent

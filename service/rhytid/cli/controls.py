@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.cli.graph_output import PNG, open_device
     from rhytid.cli.input_files import mesh_file
     from rhytid.cli.places import make_place
-    from rhytid.pictures.control_sheet import control_sheet
+    from rhytid.pictures.sheet import control_sheet
     from rhytid.support.atomic_files import atomic_write
 
     out: Path = arguments.out

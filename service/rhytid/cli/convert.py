@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.cli.input_files import mesh_file
     from rhytid.cli.places import make_place
     from rhytid.cli.warned import Warned
-    from rhytid.formats.npz_files import write_mesh_npz
+    from rhytid.formats.npz import write_mesh_npz
     from rhytid.support.atomic_files import atomic_write
 
     out: Path = arguments.out
@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> None:
     make_place(out)
     with atomic_write(out) as aside:
         frames = (files.read(place) for place in counted(places, "writing", "frame") if files)
-        write_mesh_npz(aside, read, frames, len(places))
+        write_mesh_npz(aside, read.mesh, read.shapes, frames, len(places))
     labels = [place.label for place in places]
     figures = {
         "file": str(out),

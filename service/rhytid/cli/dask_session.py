@@ -24,9 +24,9 @@ from rhytid.cli.voice import Voice, speaking
 from rhytid.cli.warned import Warned
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.engine import Engine
+from rhytid.exports.textures.profiles import profiles_of
 from rhytid.farm.chunks import Chunk
 from rhytid.storage.store import AssetStore
-from rhytid.textures.profiles import profiles_of
 
 _SILENT = Voice(quiet=True)
 

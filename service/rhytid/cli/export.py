@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rhytid.cli.export_sources import Exported
     from rhytid.cli.warned import Warned
     from rhytid.engine.engine import Engine
-    from rhytid.skin_package.package import PackageWriter
+    from rhytid.exports.skin_package.package import PackageWriter
 
 SUMMARY = "Write a skin package: mesh, textures and the shader of the fast method, for engines."
 DETAILS = """
@@ -88,8 +88,8 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     from rhytid.cli.export_sources import NewSource, stored
     from rhytid.cli.places import make_folder
     from rhytid.cli.shared_assets import searching
-    from rhytid.skin_package.maps import SkinMaps
-    from rhytid.skin_package.package import PackageWriter, has_package
+    from rhytid.exports.skin_package.maps import SkinMaps
+    from rhytid.exports.skin_package.package import PackageWriter, has_package
 
     has_package(arguments.folder)  # raises where it is in the way, before long work
     clip = cache_clip(arguments)

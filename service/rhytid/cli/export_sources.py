@@ -18,9 +18,9 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import NotFoundError
+from rhytid.exports.skin_package.maps import check_settings
 from rhytid.formats.frame_set import Clip
 from rhytid.formats.meshes import MeshFile
-from rhytid.skin_package.maps import check_settings
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine

@@ -45,7 +45,7 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
 def check_outputs(arguments: argparse.Namespace, mesh: Mesh) -> None:
     """Refuse, before long work, a file of unknown extension, one that cannot be written, or a patch
     that is not on the mesh; raises InputError. The folders are made."""
-    from rhytid.formats.curves import curve_file
+    from rhytid.exports.curves import curve_file
 
     if arguments.patch:
         _check_patch(arguments, mesh)
@@ -78,7 +78,7 @@ def write_outputs(
     """Write what was asked for, and report `facts` and the statistics of the graph."""
     from rhytid.cli.preview import write_preview
     from rhytid.domain.graph_geometry import graph_curves
-    from rhytid.formats.curves import curve_file
+    from rhytid.exports.curves import curve_file
     from rhytid.synthesis.statistics import statistics
 
     settings = AssetSettings(unit=arguments.unit).for_graph(graph.origin)

@@ -24,9 +24,8 @@ from rhytid.formats.caches import (
     read_cache,
     read_mesh_file,
 )
-from rhytid.formats.expressions import read_expressions
 from rhytid.formats.frame_set import Clip, FrameSet
-from rhytid.formats.frames import read_frame_file
+from rhytid.formats.frames import read_expressions, read_frame_file
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import MeshFile
 from rhytid.formats.painted import read_controls, read_stiffness

@@ -17,7 +17,7 @@ from rhytid.domain.wording import plural
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
-    from rhytid.formats.look import Look
+    from rhytid.exports.look import Look
 
 SUMMARY = "Write a USD layer and a MaterialX document that displace a mesh by baked maps."
 DETAILS = """
@@ -53,8 +53,8 @@ def add_command(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Read the names of the maps, write both files and report their figures."""
-    from rhytid.formats.materialx_look import materialx_look
-    from rhytid.formats.usd_look import usd_look
+    from rhytid.exports.look import materialx_look
+    from rhytid.exports.usda import usd_look
     from rhytid.support.atomic_files import atomic_write, write_file
 
     look = found(arguments)
@@ -94,8 +94,8 @@ def _note_gaps(frames: Sequence[str]) -> None:
 
 def found(arguments: argparse.Namespace) -> Look:
     """The look of the maps in a folder; raises InputError naming what is missing there."""
+    from rhytid.exports.look import Look
     from rhytid.formats.exr import read_attributes
-    from rhytid.formats.look import Look
 
     folder: Path = arguments.folder
     name, maps = _maps(folder, arguments.name)

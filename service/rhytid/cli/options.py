@@ -10,7 +10,7 @@ from rhytid.cli.argument_types import readable
 from rhytid.cli.parser import Parser
 from rhytid.domain.warnings import CODES
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS
-from rhytid.textures.names import PROFILE_NAMES
+from rhytid.exports.textures import PROFILE_NAMES
 
 STDOUT = Path("-")
 Commands = Any  # argparse._SubParsersAction has no public name

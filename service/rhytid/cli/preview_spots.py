@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import busiest_udim, triangles_inside, udim_origin
 from rhytid.errors import InputError, MeshError
-from rhytid.meshes.closest import closest
+from rhytid.meshes.nearest import closest
 from rhytid.pictures.flat_patches import flattest_patches
 from rhytid.pictures.surface_patch import Frame
 

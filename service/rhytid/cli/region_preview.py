@@ -17,8 +17,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import busiest_udim, triangles_inside, udim_origin
-from rhytid.pictures.preview import LIGHTS, patch_panel
-from rhytid.pictures.region_views import RegionView, region_views
+from rhytid.pictures.preview import LIGHTS, RegionView, patch_panel, region_views
 from rhytid.pictures.sheet import Panel, sheet
 from rhytid.support.atomic_files import atomic_write
 

@@ -132,7 +132,7 @@ def _folds(device: Device, mesh: Mesh, expressions: Expressions, unit: str) -> F
 
 def _draw_lines(mesh: Mesh, folds: Folds, preview: Path) -> None:
     """The preferred lines, beside the preview."""
-    from rhytid.pictures.folds import fold_picture
+    from rhytid.pictures.preview import fold_picture
     from rhytid.support.atomic_files import atomic_write
 
     file = preview.with_suffix(".lines.png")

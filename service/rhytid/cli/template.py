@@ -57,8 +57,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Read the mesh, draw its UDIMs, write the masks, and report what was written."""
     from rhytid.cli.input_files import mesh_file
     from rhytid.cli.places import make_folder
-    from rhytid.pictures.template_guide import guide
-    from rhytid.pictures.uv_template import Charts
+    from rhytid.pictures.uv_template import Charts, guide
 
     size, out = arguments.size, arguments.out
     if not LEAST_SIDE <= size <= MOST_SIDE:

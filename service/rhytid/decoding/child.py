@@ -33,7 +33,7 @@ from rhytid.decoding.words import (
 from rhytid.engine_process.packing import pack, shared_file
 from rhytid.engine_process.wire import Message, receive, send
 from rhytid.errors import RhytidError
-from rhytid.formats import grey_exr
+from rhytid.formats import exr
 
 # Of prctl: the signal that comes when the parent ends.
 _PARENT_DIES = 1
@@ -90,7 +90,7 @@ def _decoded(line: Connection, file: int, job: Job, memory: _Memory) -> Any:
     def begun(name: str) -> None:
         _tell(line, Begun(name))
 
-    grey_exr.decode_here(begun)
+    exr.decode_here(begun)
     parts = _files(job, file, begun)
     if more := promised(parts):
         _tell(line, Promised(more))

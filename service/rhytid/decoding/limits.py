@@ -6,7 +6,7 @@ from pathlib import PurePath
 
 from rhytid.decoding.reading import Files, Sent, all_files
 from rhytid.errors import RhytidError
-from rhytid.formats import exr_header, grey_png
+from rhytid.formats import exr, png
 from rhytid.formats.gltf import promised_by_gltf
 from rhytid.formats.npz import promised_by_npz
 
@@ -57,7 +57,7 @@ def is_light(parts: Files) -> bool:
     for file in all_files(parts):
         if file.name in ("mesh", "shapes") and _extension(file) not in _BOUNDED:
             return False
-        if file.data.startswith(exr_header.SIGNATURE):
+        if file.data.startswith(exr.SIGNATURE):
             return False
     return promised(parts) <= LIGHT_PROMISED
 
@@ -85,10 +85,10 @@ def _by_header(file: Sent) -> int:
             return promised_by_npz(file.data)
         return promised_by_gltf(file.data) if extension in (".gltf", ".glb") else 0
     data = file.data
-    if data.startswith(grey_png.SIGNATURE):
-        width, height = grey_png.read_sides(data, file.name)
+    if data.startswith(png.SIGNATURE):
+        width, height = png.read_sides(data, file.name)
         return _PNG_TEXEL * width * height
-    if data.startswith(exr_header.SIGNATURE):
-        width, height = exr_header.read_sides(data, file.name)
+    if data.startswith(exr.SIGNATURE):
+        width, height = exr.read_sides(data, file.name)
         return _EXR_TEXEL * width * height
     return 0

@@ -13,7 +13,7 @@ from rhytid.domain.painted_maps import CONTROLS, Stiffness
 from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError
-from rhytid.formats.expressions import read_expressions
+from rhytid.formats.frames import read_expressions
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import read_mesh
 from rhytid.formats.painted import read_controls, read_stiffness

@@ -25,9 +25,9 @@ from rhytid.errors import (
     NotFoundError,
     SettingsError,
 )
-from rhytid.skin_package.maps import SkinMaps, check_settings
-from rhytid.skin_package.package import PackageWriter, package_version
-from rhytid.skin_package.paging import MOST_SIDE
+from rhytid.exports.skin_package.maps import SkinMaps, check_settings
+from rhytid.exports.skin_package.package import PackageWriter, package_version
+from rhytid.exports.skin_package.texture_arrays import MOST_SIDE
 from rhytid.storage.store import AssetStore
 
 # Seconds that a caller waits for a package before it is told of the job.

@@ -7,8 +7,8 @@ from functools import partial
 
 from rhytid.engine.assets.asset import Asset, AssetRegistry
 from rhytid.engine.assets.stored import StoredAssets
+from rhytid.storage.asset_snapshots import UnpackedAsset
 from rhytid.storage.store import AssetStore
-from rhytid.storage.unpacked import UnpackedAsset
 
 
 class RestoredAssets:

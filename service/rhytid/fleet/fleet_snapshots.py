@@ -13,8 +13,15 @@ from rhytid.engine.operations import OPERATIONS
 from rhytid.engine_process.envelope import Request
 from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.shared_folder import SharedFolder
-from rhytid.storage.snapshot_index import BLOCK, SnapshotIndex, index_size
-from rhytid.storage.snapshots import PIECE, Readable, Snapshot, asset_of
+from rhytid.storage.snapshots import (
+    BLOCK,
+    PIECE,
+    Readable,
+    Snapshot,
+    SnapshotIndex,
+    asset_of,
+    index_size,
+)
 from rhytid.support.atomic_files import storage_errors
 
 

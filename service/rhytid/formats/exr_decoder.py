@@ -4,7 +4,7 @@ Crafted files have made decoders of the OpenEXR library write beyond their memor
 uploads only here. This is no jail: what is kept from the server is a crash, a loop without end and
 a want of memory. It imports only what it needs, as it starts once per image. Arguments: path,
 width, height. Standard output: READY once everything is imported, then a line of JSON, null or a
-Wrong, then the codes. How it ends is 0 only where all of that was written.
+BadTexel, then the codes. How it ends is 0 only where all of that was written.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _ROOM, _ROOM_A_TEXEL = 256 << 20, 32
 _ANSWER = 1 << 20  # bytes beside the codes
 
 
-class Wrong(NamedTuple):
+class BadTexel(NamedTuple):
     """A value that is not from 0 to 1, and where."""
 
     column: int
@@ -61,7 +61,7 @@ def main() -> None:
 
 
 def limit_memory(texels: int) -> None:
-    """Let this process take no more address space, and write no more, than an image of so many
+    """Limit the address space of this process, and what it may write, to what an image of so many
     texels needs.
 
     On Linux only: elsewhere there is no such limit, or none that holds.
@@ -79,10 +79,11 @@ def limit_memory(texels: int) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (written, written))
 
 
-def decode(path: Path, width: int, height: int) -> tuple[Wrong | None, NDArray[np.uint16]]:
-    """The first value that is not from 0 to 1, or (height, width) codes: values times 65535.
+def decode(path: Path, width: int, height: int) -> tuple[BadTexel | None, NDArray[np.uint16]]:
+    """The first value that is not from 0 to 1, or (height, width) codes: the values times 65535.
 
-    Raises what the library does, and ValueError where it finds another image than was expected.
+    Raises what the library raises, and ValueError where the image is not the one that its header
+    promised.
     """
     file = OpenEXR.File(str(path), separate_channels=True)
     # A file that is cut short raises nothing: it just has no parts.
@@ -96,6 +97,6 @@ def decode(path: Path, width: int, height: int) -> tuple[Wrong | None, NDArray[n
         wrong = np.argwhere(~((rows >= -beyond) & (rows <= 1 + beyond)))
         if len(wrong):
             y, x = wrong[0].tolist()
-            return Wrong(x, top + y, str(values[0][top + y, x])), codes
+            return BadTexel(x, top + y, str(values[0][top + y, x])), codes
         codes[top : top + _ROWS] = np.rint(rows.clip(0, 1) * _MOST_CODE)
     return None, codes

@@ -15,7 +15,7 @@ from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size
 
 Frame = NDArray[np.float32]
 
-# Of one file: more than an hour at 24 frames per second.
+# The most frames of one file: more than an hour at 24 frames per second.
 MOST_FRAMES = 100_000
 # How far from a whole number a sample may lie and still be that frame. Times are float32 seconds:
 # after an hour their step is 0.006 of a frame.
@@ -24,10 +24,11 @@ _NEAR = 0.01
 
 @dataclass(frozen=True)
 class FrameSet:
-    """`count` frames; `read(i)` is (V, 3) float32 less the centre of the mesh, and raises
-    FrameError naming the frame that cannot be used.
+    """The frames of one animation, which are read one at a time.
 
-    numbers: the frame numbers that the file itself gives, None where it gives none.
+    count: of frames.  read: gives frame i, (V, 3) float32 less the centre of the mesh; raises
+    FrameError naming the frame that cannot be used.  numbers: the frame numbers that the file
+    itself gives, None where it gives none.
     """
 
     count: int
@@ -36,14 +37,15 @@ class FrameSet:
 
     @classmethod
     def of(cls, frames: Frame) -> FrameSet:
-        """Frames (N, V, 3) that are in memory."""
+        """The set of frames (N, V, 3) that are in memory."""
         return cls(len(frames), lambda i: frames[i])
 
     def __len__(self) -> int:
         return self.count
 
     def expressions(self, vertices: int) -> Expressions:
-        """What the frames do, as expressions without names: at most as many as are looked at."""
+        """The frames as expressions without names. Of many frames some are taken, evenly, since no
+        more are looked at. Raises FrameError and LimitError."""
         chosen = evenly_spaced(self.count)
         check_size("the frames", 3 * vertices * len(chosen), MAX_FRAME_NUMBERS)
         read = np.empty((len(chosen), vertices, 3), np.float32)
@@ -78,11 +80,13 @@ def frames_between(first: float, last: float) -> tuple[int, ...]:
 
 
 def frames_at(times: NDArray[np.float64], what: str) -> tuple[list[int], tuple[int, ...]]:
-    """Which samples are frames, and their numbers.  times: (N,) of the samples, in frames.
+    """The samples that are frames, and the numbers of these frames.
 
-    A sample at a whole number is that frame, and those between frames are passed over. Raises
-    FrameError naming the first sample that is out of order, or the frame that no sample is at
-    though there are samples on both sides; `what` says what would set that right.
+    times: (N,) of the samples, in frames.  what: for messages, what would set the times right.
+
+    A sample at a whole number is that frame; samples between whole numbers are passed over. Raises
+    FrameError naming the first sample that is out of order, or a sample between two whole numbers
+    of which one, though inside the range, has no sample.
     """
     finite = np.isfinite(times)
     if not finite.all():
@@ -110,7 +114,7 @@ def check_frame_count(count: int) -> None:
 
 
 def checked_numbers(numbers: Sequence[int]) -> tuple[int, ...]:
-    """The numbers themselves; raises FrameError where one is below 0, or two are the same."""
+    """The frame numbers as a tuple; raises FrameError where one is below 0, or two are the same."""
     if numbers and min(numbers) < 0:
         raise FrameError(f"frame {min(numbers)}: the numbers of frames begin at 0; move the frames")
     if len(set(numbers)) < len(numbers):

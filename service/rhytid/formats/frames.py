@@ -1,4 +1,4 @@
-"""Frame positions: bodies of requests, and files of the command line."""
+"""Frames and shapes of a mesh: bodies of requests, and files of the command line."""
 
 from __future__ import annotations
 
@@ -7,18 +7,25 @@ from pathlib import PurePath
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.expressions import Expressions
 from rhytid.domain.frame import check_positions
 from rhytid.domain.mesh import ORIGIN, Centre
 from rhytid.domain.wording import plural
 from rhytid.errors import FrameError, MeshError
 from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size
-from rhytid.formats.npy import NpyHeader, read_header
-from rhytid.formats.npz import check_frames, read_npz_frames
+from rhytid.formats.npz import (
+    NpyHeader,
+    check_frames,
+    read_npy_header,
+    read_npz_frames,
+    read_npz_shapes,
+)
 from rhytid.formats.obj import read_obj_positions
 
 NPY = "application/x-npy"
 RAW = "application/octet-stream"
 FRAME_EXTENSIONS = (".npy", ".npz", ".obj")
+SHAPE_EXTENSIONS = (".npz", ".npy")
 
 
 def read_positions(
@@ -66,8 +73,26 @@ def read_frame_file(
     raise FrameError(f"frame file with extension {extension!r}: must be one of {known}")
 
 
+def read_expressions(data: bytes, name: str, vertices: int, centre: Centre = ORIGIN) -> Expressions:
+    """The expressions in the bytes of a file called `name`.
+
+    .npz holds `shapes` (E, V, 3) positions and optionally `names` (E,), or else `frames`
+    (N, V, 3); .npy is an array (E, V, 3). Raises FrameError naming what is wrong, or LimitError.
+    """
+    extension = PurePath(name).suffix.lower()
+    if extension == ".npz":
+        shapes = read_npz_shapes(data, vertices, centre)
+        if shapes is not None:
+            return shapes
+    elif extension != ".npy":
+        known = ", ".join(SHAPE_EXTENSIONS)
+        raise FrameError(f"shapes with extension {extension!r}: must be one of {known}")
+    # These are less the centre already.
+    return Expressions.checked(read_frame_file(data, name, vertices, centre), vertices)
+
+
 def _npy_header(data: bytes) -> NpyHeader:
-    header = read_header(data, "frame", FrameError)
+    header = read_npy_header(data, "frame", FrameError)
     check_size("frame", header.numbers, MAX_FRAME_NUMBERS)
     promised = header.start + header.stored
     if len(data) != promised:

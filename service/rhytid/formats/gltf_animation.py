@@ -19,8 +19,7 @@ from rhytid.domain.mesh import ORIGIN, Centre
 from rhytid.domain.wording import plural
 from rhytid.errors import FrameError, MeshError
 from rhytid.formats.frame_set import Clip, Frame, FrameSet, frames_between
-from rhytid.formats.gltf import glb_document, gltf_document
-from rhytid.formats.gltf_document import Document
+from rhytid.formats.gltf import Document, glb_document, gltf_document
 from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size
 
 Numbers = NDArray[np.float64]
@@ -142,15 +141,15 @@ def _target(channel: Mapping[str, Any]) -> _Object:
     return target if isinstance(target, dict) else {}
 
 
-def _chosen(clips: list[_Named], wanted: str | None) -> _Named:
-    if wanted is not None:
+def _chosen(clips: list[_Named], name: str | None) -> _Named:
+    if name is not None:
         for clip in clips:
-            if wanted in (clip[1].get("name"), clip[0].split()[1]):
+            if name in (clip[1].get("name"), clip[0].split()[1]):
                 return clip
-    if wanted is None and len(clips) == 1:
+    if name is None and len(clips) == 1:
         return clips[0]
     listed = ", ".join(title for title, _, _ in clips[:20]) or "none"
-    asked = "one of them must be chosen by name" if wanted is None else f"none is {wanted!r}"
+    asked = "one of them must be chosen by name" if name is None else f"none is {name!r}"
     raise FrameError(f"animations that move weights of the mesh: {listed}; {asked}")
 
 

@@ -74,10 +74,10 @@ def _metadata(data: bytes) -> dict[str, str]:
 
 
 def _array(name: str, tensor: Mapping[str, Any]) -> NDArray[Any]:
-    wanted = _DTYPES.get(name, "F32")
-    if tensor["dtype"] != wanted:
-        raise GraphError(f"{name} has dtype {tensor['dtype']}, not {wanted}")
+    dtype = _DTYPES.get(name, "F32")
+    if tensor["dtype"] != dtype:
+        raise GraphError(f"{name} has dtype {tensor['dtype']}, not {dtype}")
     check_size(name, len(tensor["data"]) // 4)
-    flat = np.frombuffer(tensor["data"], "<i4" if wanted == "I32" else "<f4")
+    flat = np.frombuffer(tensor["data"], "<i4" if dtype == "I32" else "<f4")
     array: NDArray[Any] = flat.reshape(tensor["shape"])
     return array

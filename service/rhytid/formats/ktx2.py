@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 IDENTIFIER = b"\xabKTX 20\xbb\r\n\x1a\n"
 WRITER = b"rhytid"
 _ALIGNMENT = 4
-# Of the description: red, linear, of no colour space.
+# Values of the descriptor: red, linear, of no colour space.
 _RED, _LINEAR, _NO_PRIMARIES, _RGBSDA = 0, 1, 0, 1
 _SIGNED = 0x40
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One channel: the number that Vulkan gives its format, and what its least and largest values
-    are written as."""
+    """The texels of a texture of one channel: the number of their format in Vulkan, and the values
+    that are written as their least and their largest."""
 
     vulkan: int
     dtype: np.dtype[np.generic]
@@ -64,7 +64,7 @@ def ktx2_pieces(
 def _head(
     kind: Channel, shape: tuple[int, int, int], sizes: Sequence[int]
 ) -> tuple[bytes, list[int]]:
-    """What comes before the levels, and where each level begins: the smallest comes first."""
+    """The bytes before the levels, and the offset of each level; the smallest level comes first."""
     layers, rows, columns = shape
     described, keys = _description(kind), _keys()
     first = len(IDENTIFIER) + 36 + 32 + 24 * len(sizes)

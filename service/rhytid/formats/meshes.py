@@ -12,21 +12,20 @@ from numpy.typing import NDArray
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
-from rhytid.formats.expressions import npz_shapes
 from rhytid.formats.frame_set import FrameSet
 from rhytid.formats.gltf import read_glb_shapes, read_gltf_shapes
-from rhytid.formats.npz import read_npz
+from rhytid.formats.npz import read_npz, read_npz_shapes
 from rhytid.formats.obj import read_obj
 from rhytid.formats.ply import read_ply
 
 
 @dataclass(frozen=True, eq=False)
 class MeshFile:
-    """What a mesh file holds: the neutral mesh, frames (N, V, 3) if it is a .npz with them, and
-    shapes: of a .npz, or the morph targets of a glTF.
+    """The contents of a mesh file.
 
-    animation: makes the frames that a geometry cache holds, which are read one by one.  unit: of
-    its lengths, where the file says it.  notes: what is worth knowing of it.
+    mesh: the neutral mesh.  frames: (N, V, 3) of a .npz that has them.  shapes: of a .npz, or the
+    morph targets of a glTF.  animation: returns the frames of a geometry cache, which are read one
+    by one.  unit: of length, where the file names one.  notes: remarks on the file for the user.
     """
 
     mesh: Mesh
@@ -45,7 +44,8 @@ class MeshFile:
 
     @property
     def expressions(self) -> Expressions | None:
-        """The shapes, or what the frames do where there are no shapes."""
+        """The shapes; where there are none, the frames as expressions without names; None where the
+        file has neither."""
         if self.shapes is not None:
             return self.shapes
         if self.frames is not None:
@@ -74,7 +74,7 @@ def read_mesh(data: bytes, name: str) -> MeshFile:
     extension = PurePath(name).suffix.lower()
     if extension == ".npz":
         mesh, frames = read_npz(data)
-        return MeshFile(mesh, frames, npz_shapes(data, len(mesh.positions), mesh.centre))
+        return MeshFile(mesh, frames, read_npz_shapes(data, len(mesh.positions), mesh.centre))
     if extension in _WITH_SHAPES:
         mesh, shapes = _WITH_SHAPES[extension](data)
         return MeshFile(mesh, shapes=shapes)

@@ -10,7 +10,11 @@ Each statement is matched against its grammar once, then all numbers are convert
 
 from __future__ import annotations
 
+import io
 import re
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from itertools import islice
 
 import numpy as np
@@ -22,15 +26,23 @@ from rhytid.domain.wording import plural
 from rhytid.errors import LimitError, MeshError
 from rhytid.formats.decimals import NUMBER, WHOLE, floats, is_number, show, wholes
 from rhytid.formats.limits import check_size
-from rhytid.formats.obj_statements import Statements, split_statements
 from rhytid.formats.polygons import fan
 
+# They change neither the vertices nor the triangles. What points to a file is never opened; `call`
+# and `csh`, which would bring in another file's vertices, are not among them.
+_PASSED_OVER = frozenset(
+    # normals, points, lines, groups, display
+    b"vn vp l p o g s mg lod bevel c_interp d_interp "
+    b"mtllib usemtl maplib usemap shadow_obj trace_obj "
+    # curves and surfaces, their attributes and bodies; the last row is of older files
+    b"cstype deg bmat step curv curv2 surf parm trim hole scrv sp end con ctech stech "
+    b"bsp bzp cdc cdp res".split()
+)
+_CONTINUATION = re.compile(rb"\\ *\n")
 # Matching a face takes memory for every corner: no polygon of a real mesh comes near this.
 _LONGEST_FACE = 1 << 20
-
 # Statements that are matched and converted together: each match takes memory.
 _AT_ONCE = 1 << 14
-
 _CORNER = WHOLE + rb"/" + WHOLE + rb"(?:/" + WHOLE + rb")?"
 _VERTEX = re.compile(rb"(N(?: +N){2})(?: +N|(?: +N){3,4})? *".replace(b"N", NUMBER))
 _UV = re.compile(rb"(N +N)(?: +N)? *".replace(b"N", NUMBER))
@@ -52,11 +64,12 @@ def read_obj(data: bytes) -> Mesh:
 
 
 def read_obj_positions(data: bytes) -> NDArray[np.float64]:
-    """(V, 3) the vertices alone, in the order of the file: there may be no faces."""
+    """The vertices (V, 3) of an OBJ file in their order; the file may have no faces. Raises
+    MeshError naming the line, or LimitError."""
     return _positions(split_statements(data)[b"v"])
 
 
-def _positions(found: Statements) -> NDArray[np.float64]:
+def _positions(found: _Statements) -> NDArray[np.float64]:
     values = _numbers(found, _VERTEX, "v", 3, "3, or 4, 6 or 7 with a weight or colours")
     with np.errstate(over="ignore"):
         narrow = values.astype(np.float32)
@@ -65,7 +78,7 @@ def _positions(found: Statements) -> NDArray[np.float64]:
 
 
 def _numbers(
-    found: Statements, grammar: re.Pattern[bytes], key: str, width: int, rule: str
+    found: _Statements, grammar: re.Pattern[bytes], key: str, width: int, rule: str
 ) -> NDArray[np.float64]:
     count = len(found.texts)
     check_size(f"'{key}'", width * count)
@@ -88,14 +101,14 @@ def _bad_numbers(line: int, key: str, tokens: list[bytes], rule: str) -> MeshErr
     return MeshError(f"line {line}: {key} has {plural(len(tokens), 'number')}: {rule}")
 
 
-def _require_finite(found: Statements, values: NDArray[np.floating], what: str) -> None:
+def _require_finite(found: _Statements, values: NDArray[np.floating], what: str) -> None:
     bad = first_bad_row(np.isfinite(values))
     if bad is not None:
         where = f"line {found.lines[bad]}: {what} {bad + 1}"
         raise MeshError(f"{where} is {values[bad].tolist()}: not finite")
 
 
-def _references(found: Statements) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _references(found: _Statements) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """(P,) corners of each polygon, and (C, 2) position and uv references as written."""
     if not found.texts:
         raise MeshError("the file has no faces")
@@ -125,7 +138,7 @@ def _bad_face(line: int, tokens: list[bytes]) -> MeshError:
 
 
 def _resolve(
-    found: dict[bytes, Statements], counts: NDArray[np.int64], references: NDArray[np.int64]
+    found: dict[bytes, _Statements], counts: NDArray[np.int64], references: NDArray[np.int64]
 ) -> NDArray[np.int64]:
     """(C, 2) indices from 0 on; a negative reference counts back from the line of its face."""
     faces = found[b"f"]
@@ -142,9 +155,91 @@ def _resolve(
     return indices
 
 
-def _corner(faces: Statements, counts: NDArray[np.int64], corner: int) -> str:
+def _corner(faces: _Statements, counts: NDArray[np.int64], corner: int) -> str:
     """The line, the face and the corner of an index in the flat list."""
     face = int(np.searchsorted(np.cumsum(counts), corner, side="right"))
     place = corner - int(counts[:face].sum())
     token = show(faces.texts[face].split()[place])
     return f"line {faces.lines[face]}: face corner {place + 1} {token}"
+
+
+def split_statements(data: bytes) -> dict[bytes, _Statements]:
+    """The statements `v`, `vt` and `f` of an OBJ file; raises MeshError naming the line of an
+    unknown keyword."""
+    found = {key: _Statements() for key in (b"v", b"vt", b"f")}
+    for number, line in enumerate(_plain_lines(data), 1):
+        parts = line.split(None, 1)
+        if not parts:
+            continue
+        statements = found.get(parts[0])
+        if statements is not None:
+            statements.lines.append(number)
+            statements.texts.append(parts[1] if len(parts) > 1 else b"")
+        elif parts[0] not in _PASSED_OVER:
+            raise MeshError(f"line {number}: {show(parts[0])} is not a statement known here")
+    return found
+
+
+def _plain_lines(data: bytes) -> Iterator[bytes]:
+    """Lines without comments and tabs; continued lines are joined at the first."""
+    text = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    text = text.replace(b"\t", b" ")
+    if b"#" in text:
+        text = re.sub(rb"#[^\n]*", b"", text)
+    if b"\\" in text:
+        text = _join_continued(text)
+    for line in io.BytesIO(text):  # not split at once, into an object for each
+        yield line.removesuffix(b"\n")
+
+
+def _join_continued(text: bytes) -> bytes:
+    first, *others = _CONTINUATION.split(text)
+    joined, owed = [first], 0
+    for other in others:
+        line, end, rest = other.partition(b"\n")
+        joined += [b" ", line]
+        owed += 1
+        if end:
+            # The empty lines keep the numbers of those that follow.
+            joined += [b"\n" * owed, end, rest]
+            owed = 0
+    return b"".join(joined)
+
+
+class _Texts:
+    """Texts one behind the other: a Python object for each would take several times the memory."""
+
+    def __init__(self) -> None:
+        self._all, self._ends = bytearray(), array("q", [0])
+
+    def __len__(self) -> int:
+        return len(self._ends) - 1
+
+    def __getitem__(self, index: int) -> bytes:
+        if index >= len(self):
+            raise IndexError(index)
+        return bytes(self._all[self._ends[index] : self._ends[index + 1] - 1])
+
+    def __iter__(self) -> Iterator[bytes]:
+        view, start = memoryview(self._all), 0
+        for end in self._ends[1:]:
+            yield bytes(view[start : end - 1])
+            start = end
+
+    def append(self, text: bytes) -> None:
+        """Put a text at the end."""
+        self._all += text
+        self._all += b" "
+        self._ends.append(len(self._all))
+
+    def joined(self) -> bytes:
+        """All of them, a space behind each."""
+        return bytes(self._all)
+
+
+@dataclass
+class _Statements:
+    """All statements of one keyword: the lines they stand on, and what follows the keyword."""
+
+    lines: array[int] = field(default_factory=lambda: array("q"))
+    texts: _Texts = field(default_factory=_Texts)

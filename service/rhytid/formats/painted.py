@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from rhytid.domain.painted_maps import Controls, Map, Stiffness, check_total, check_udim
 from rhytid.errors import InputError
-from rhytid.formats import exr_header, grey_png
-from rhytid.formats.grey_exr import read_grey_exr
+from rhytid.formats import exr, png
+from rhytid.formats.exr import read_grey_exr
 
 _NUMBER = re.compile(r"(?:^|[._])([0-9]{4})\.[A-Za-z]+$")
 
@@ -25,11 +25,14 @@ _NUMBER = re.compile(r"(?:^|[._])([0-9]{4})\.[A-Za-z]+$")
 def read_painted(
     files: Sequence[tuple[str, bytes]], udims: Sequence[int], kind: str, before: Sequence[Map] = ()
 ) -> dict[int, NDArray[np.unsignedinteger]]:
-    """The maps of images by UDIM, (file name or path, bytes) each, for a mesh with these UDIMs.
+    """Painted maps by UDIM.
 
-    The four digits before the extension are the UDIM. A lone image without them is that of the
-    only UDIM of the mesh. `before`: maps that count towards the limit. Raises InputError naming the
-    image that has no place or cannot be read, LimitError over what is too large.
+    files: (file name or path, bytes) of each image.  udims: those of the mesh.  kind: what the maps
+    are, for messages.  before: maps that count towards the limit, too.
+
+    The four digits before the extension are the UDIM. A lone image without them is that of the only
+    UDIM of the mesh. Raises InputError naming the image that belongs to no UDIM or cannot be read,
+    LimitError where the maps are too large.
     """
     maps: dict[int, NDArray[np.unsignedinteger]] = {}
     for udim, (name, data) in _places(files, udims, kind).items():
@@ -63,10 +66,9 @@ def _udim(name: str, alone: bool, udims: Sequence[int], kind: str) -> int:
 
 
 def read_stiffness(files: Sequence[tuple[str, bytes]], udims: Sequence[int]) -> Stiffness:
-    """The maps of images, (file name or path, bytes) each, for a mesh with these UDIMs.
+    """The stiffness maps of images, (file name or path, bytes) each, for a mesh with these UDIMs.
 
-    Raises InputError naming the image that has no place or cannot be read, LimitError over what is
-    too large.
+    Raises as `read_painted` does.
     """
     return Stiffness(read_painted(files, udims, "stiffness"))
 
@@ -74,11 +76,10 @@ def read_stiffness(files: Sequence[tuple[str, bytes]], udims: Sequence[int]) -> 
 def read_controls(
     files: Mapping[str, Sequence[tuple[str, bytes]]], udims: Sequence[int]
 ) -> Controls | None:
-    """The maps of images, (file name or path, bytes) each by the name of the control; None without
-    any.
+    """The control maps of images, (file name or path, bytes) each by the name of the control; None
+    where there are no images.
 
-    Raises InputError naming the image that has no place or cannot be read, LimitError over what is
-    too large.
+    Raises as `read_painted` does.
     """
     maps: dict[str, dict[int, Map]] = {}
     before: list[Map] = []
@@ -89,13 +90,13 @@ def read_controls(
 
 
 def read_grey(data: bytes, name: str) -> NDArray[np.unsignedinteger]:
-    """(h, w) codes of the bytes of an image: uint8 or uint16 of a PNG, uint16 of an OpenEXR.
+    """The codes (h, w) of a grey image: uint8 or uint16 of a PNG, uint16 of an OpenEXR.
 
-    `name` is for messages. Raises InputError saying what is wrong, and LimitError above MOST_SIDE
-    texels per side.
+    `name` is for messages. Raises InputError where the image is damaged or not grey, and LimitError
+    above MOST_SIDE texels per side.
     """
-    if data.startswith(grey_png.SIGNATURE):
-        return grey_png.read_grey_png(data, name)
-    if data.startswith(exr_header.SIGNATURE):
+    if data.startswith(png.SIGNATURE):
+        return png.read_grey_png(data, name)
+    if data.startswith(exr.SIGNATURE):
         return read_grey_exr(data, name)
     raise InputError(f"{name}: not a PNG or OpenEXR image")

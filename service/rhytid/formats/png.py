@@ -1,25 +1,38 @@
-"""PNG files of one or three channels, 8 or 16 bits, with texts. Pillow writes no 16-bit RGB.
+"""PNG files of 8 or 16 bits: grey or RGB with texts are written, grey ones are read.
+
+They are written here since Pillow writes no RGB of 16 bits. When one is read, what an image library
+would convert without a word (colours, palettes, few bits) is refused.
 
 After the PNG specification, third edition, https://www.w3.org/TR/png-3/
 """
 
 from __future__ import annotations
 
+import io
 import struct
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
 
 from rhytid.errors import InputError
+from rhytid.formats.limits import check_sides
 
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # Colour types of the header by channels, and the filter that stores differences to the row above.
 _COLOURS, _UP = {1: 0, 3: 2}, 2
 _GAMMA_1 = 100_000
 # Level 6 takes twice the time for 10 % less.
 _LEVEL = 1
+# The length and the name of the first chunk follow the signature.
+_HEADER = SIGNATURE + b"\x00\x00\x00\x0dIHDR"
+_HEADER_BYTES = 29
+# The errors of the library for a chunk that is too short or malformed.
+_DAMAGED = (OSError, SyntaxError, ValueError, EOFError, IndexError, TypeError, struct.error)
+_KINDS = {2: "colours", 3: "a palette", 4: "transparency", 6: "colours and transparency"}
 
 
 def encode_png(
@@ -27,10 +40,12 @@ def encode_png(
     texts: Mapping[str, str],
     linear: bool = False,
 ) -> bytes:
-    """The bytes of a file. texels: (h, w) grey or (h, w, 3) RGB, row 0 at the top; texts: Latin
-    keywords of up to 79 letters, and what they say. linear: say that values are in proportion to
-    what they stand for, by a gamma of 1: without it readers take sRGB. Raises InputError for
-    another shape or type."""
+    """The bytes of a file.
+
+    texels: (h, w) grey or (h, w, 3) RGB, row 0 at the top.  texts: by Latin keywords of up to 79
+    letters.  linear: mark the values as proportional to what they stand for, by a gamma of 1;
+    without it readers assume sRGB. Raises InputError for another shape or type.
+    """
     rows = texels[..., None] if texels.ndim == 2 else texels
     if rows.ndim != 3 or rows.shape[2] not in _COLOURS or rows.dtype not in (np.uint8, np.uint16):
         raise InputError(f"no PNG of {texels.dtype} {texels.shape}: grey or RGB of 8 or 16 bits")
@@ -41,7 +56,7 @@ def encode_png(
     data = zlib.compress(_filtered(rows), _LEVEL)
     gamma = [_chunk(b"gAMA", struct.pack(">I", _GAMMA_1))] if linear else []
     parts = [_chunk(b"IHDR", head), *gamma, *notes, _chunk(b"IDAT", data), _chunk(b"IEND", b"")]
-    return b"".join([_SIGNATURE, *parts])
+    return b"".join([SIGNATURE, *parts])
 
 
 def _filtered(rows: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
@@ -62,3 +77,58 @@ def _text(name: str, text: str) -> bytes:
 def _chunk(kind: bytes, data: bytes) -> bytes:
     check = struct.pack(">I", zlib.crc32(data, zlib.crc32(kind)))
     return b"".join([struct.pack(">I", len(data)), kind, data, check])
+
+
+def read_grey_png(data: bytes, name: str) -> NDArray[np.unsignedinteger]:
+    """The codes (h, w) of a grey PNG, uint8 or uint16 by its bits, row 0 at the top.
+
+    `name` is for messages. Raises InputError where the image is damaged or not grey, and LimitError
+    above MOST_SIDE texels per side. Codes are taken as they are, whatever the gamma and colour
+    profile.
+    """
+    bits = _check_header(data, name)
+    with _naming(name):
+        _open(data).verify()  # every chunk and its checksum, to the end
+        image = _open(data)
+        image.load()
+    if "transparency" in image.info:
+        raise InputError(f"{name} has {_KINDS[4]}: must be grey")
+    # 16 bits are `I;16` or `I` by the version of the library; their numbers are the same.
+    codes: NDArray[np.unsignedinteger] = np.asarray(image).astype(f"u{bits // 8}", copy=False)
+    return codes
+
+
+def read_sides(data: bytes, name: str) -> tuple[int, int]:
+    """Width and height of a PNG by its header; raises as `read_grey_png` does."""
+    _check_header(data, name)
+    width, height = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
+    return width, height
+
+
+def _check_header(data: bytes, name: str) -> int:
+    """Bits of a texel."""
+    if not data.startswith(_HEADER) or len(data) < _HEADER_BYTES:
+        raise InputError(f"{name}: a damaged PNG image")
+    width, height = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
+    bits, kind = data[24], data[25]
+    if kind != 0:
+        raise InputError(f"{name} has {_KINDS.get(kind, f'colour type {kind}')}: must be grey")
+    if bits not in (8, 16):
+        raise InputError(f"{name} has {bits} bits per texel: must be 8 or 16")
+    check_sides(name, width, height)
+    return bits
+
+
+def _open(data: bytes) -> Image.Image:
+    return Image.open(io.BytesIO(data), formats=["PNG"])
+
+
+@contextmanager
+def _naming(name: str) -> Iterator[None]:
+    """Within the block, raise the errors of the library for a damaged file as InputError."""
+    try:
+        yield
+    except UnidentifiedImageError as exc:  # its text is an address in memory
+        raise InputError(f"{name}: a damaged PNG image") from exc
+    except _DAMAGED as exc:
+        raise InputError(f"{name}: a damaged PNG image: {exc}") from exc

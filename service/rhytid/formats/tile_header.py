@@ -1,4 +1,4 @@
-"""What a displacement tile says about itself."""
+"""The attributes of a displacement tile or map."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ class TileHeader:
     scale: float
 
     def attributes(self) -> dict[str, str | int]:
-        """What is written into a file beside the texels, which are true without `scale`."""
+        """The attributes that are written into a file beside the texels. `scale` is not among them:
+        the texels of such a file are in the unit itself."""
         values = {name: value for name, value in asdict(self).items() if name != "scale"}
         return {**values, **file_attributes()}

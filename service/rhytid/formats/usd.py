@@ -12,6 +12,7 @@ are along the normal of the surface that a renderer makes of it; `notes` say so.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -19,34 +20,47 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.frame import check_positions
+from rhytid.domain.lengths import MILLIMETRES
 from rhytid.domain.mesh import ORIGIN, Centre, Mesh
-from rhytid.domain.wording import plural
-from rhytid.errors import FrameError, MeshError
+from rhytid.domain.wording import install_hint, plural
+from rhytid.errors import FrameError, InputError, MeshError
 from rhytid.formats.frame_set import Clip, Frame, FrameSet, checked_numbers, frames_between
 from rhytid.formats.limits import check_size
 from rhytid.formats.meshes import MeshFile
 from rhytid.formats.polygons import fan
-from rhytid.formats.usd_stage import (
-    bake_skin,
-    find_mesh,
-    open_stage,
-    stage_notes,
-    stage_unit,
-    usd_modules,
-)
-from rhytid.formats.usd_uv import read_uv
+
+# Named in an error.
+_LISTED = 20
+# Relative: metersPerUnit of 0.0254 may be written with few digits.
+_SAME_LENGTH = 1e-4
+_INSTALL = f"USD files need usd-core; {install_hint('usd')}"
+_TYPES = ("texCoord2f[]", "texCoord2h[]", "texCoord2d[]", "float2[]", "half2[]", "double2[]")
+_BY_CORNER, _BY_VERTEX = ("faceVarying",), ("vertex", "varying")
 
 
-class UsdMesh:
+def read_usd(file: Path, clip: Clip) -> MeshFile:
+    """The mesh of a USD file, with its animation, its unit and notes."""
+    found = _UsdMesh(file, clip.prim)
+    mesh, unit = found.mesh(), _stage_unit(found.stage)
+    frames = (lambda: found.frames(len(mesh.positions), mesh.centre)) if found.animated else None
+    return MeshFile(mesh, animation=frames, unit=unit, notes=found.notes())
+
+
+def read_usd_frames(file: Path, vertices: int, centre: Centre, clip: Clip) -> FrameSet:
+    """The frames of a USD file, for a neutral mesh from elsewhere."""
+    return _UsdMesh(file, clip.prim).frames(vertices, centre)
+
+
+class _UsdMesh:
     """One mesh of a stage. Raises MeshError naming the prim, and FrameError naming the frame.
 
     neutral: (V, 3) positions; float64 where a transform moves them, else float32.
     """
 
     def __init__(self, file: Path, prim: str | None = None) -> None:
-        self._usd, self._geom, _ = usd_modules()
-        self.stage = open_stage(file)
-        self._mesh = find_mesh(self.stage, prim)
+        self._usd, self._geom, _ = _modules()
+        self.stage = _open_stage(file)
+        self._mesh = _find_mesh(self.stage, prim)
         self._points = self._mesh.GetPointsAttr()
         self.path = str(self._mesh.GetPath())
         self._earliest = self._usd.TimeCode.EarliestTime()
@@ -56,14 +70,14 @@ class UsdMesh:
             self._earliest if self._points.Get(default) is None else default, self._earliest
         )
         if not self.animated:
-            bake_skin(self.stage, self._mesh.GetPrim())
+            _bake_skin(self.stage, self._mesh.GetPrim())
 
     def mesh(self) -> Mesh:
         """The neutral mesh."""
         positions = self.neutral
         try:
             counts, corners = self._polygons(len(positions))
-            uv, places = read_uv(self._mesh, corners, len(positions))
+            uv, places = _read_uv(self._mesh, corners, len(positions))
             keep = np.ones(len(counts), bool)
             holes = self._array(self._mesh.GetHoleIndicesAttr(), np.int64)
             keep[holes[(holes >= 0) & (holes < len(counts))]] = False
@@ -95,15 +109,15 @@ class UsdMesh:
         return bool(self._points.GetNumTimeSamples())
 
     def notes(self) -> tuple[str, ...]:
-        """What is worth knowing of the stage and of the mesh."""
+        """Remarks on the stage and on the mesh for the user."""
         scheme = str(self._mesh.GetSubdivisionSchemeAttr().Get())
         if scheme == "none":
-            return stage_notes(self.stage)
+            return _stage_notes(self.stage)
         found = (
             f"{self.path} has the subdivision scheme {scheme}: stretch is measured on its control "
             "mesh, heights are along the normal of the surface that is rendered"
         )
-        return (*stage_notes(self.stage), found)
+        return (*_stage_notes(self.stage), found)
 
     def _numbers(self) -> tuple[int, ...] | None:
         samples = self._points.GetTimeSamples()
@@ -193,14 +207,156 @@ class UsdMesh:
         return np.array(cache.GetLocalToWorldTransform(self._mesh.GetPrim()), np.float64)
 
 
-def read_usd(file: Path, clip: Clip) -> MeshFile:
-    """The mesh of a USD file, with its animation, its unit and notes."""
-    found = UsdMesh(file, clip.prim)
-    mesh, unit = found.mesh(), stage_unit(found.stage)
-    frames = (lambda: found.frames(len(mesh.positions), mesh.centre)) if found.animated else None
-    return MeshFile(mesh, animation=frames, unit=unit, notes=found.notes())
+def _modules() -> tuple[Any, Any, Any]:
+    """`Usd`, `UsdGeom` and `Tf`; raises InputError where usd-core is not installed."""
+    try:
+        from pxr import Tf, Usd, UsdGeom
+    except ImportError as exc:
+        raise InputError(_INSTALL) from exc
+    return Usd, UsdGeom, Tf
 
 
-def read_usd_frames(file: Path, vertices: int, centre: Centre, clip: Clip) -> FrameSet:
-    """The frames of a USD file, for a neutral mesh from elsewhere."""
-    return UsdMesh(file, clip.prim).frames(vertices, centre)
+def _open_stage(file: Path) -> Any:
+    """The stage of a file; raises MeshError where it cannot be opened."""
+    usd, _, tf = _modules()
+    try:
+        return usd.Stage.Open(str(file))
+    except tf.ErrorException as exc:
+        reason = str(exc).strip().splitlines()[-1].strip()
+        raise MeshError(f"USD cannot open it: {reason:.300}") from exc
+
+
+def _stage_unit(stage: Any) -> str | None:
+    """The unit of length that metersPerUnit stands for; None where the stage does not state it, or
+    it is none of those known here."""
+    geom = _modules()[1]
+    if not geom.StageHasAuthoredMetersPerUnit(stage):
+        return None
+    length = 1000.0 * float(geom.GetStageMetersPerUnit(stage))
+    near = (n for n, known in MILLIMETRES.items() if abs(length - known) <= _SAME_LENGTH * known)
+    return next(near, None)
+
+
+def _stage_notes(stage: Any) -> tuple[str, ...]:
+    """Remarks on the stage for the user."""
+    geom = _modules()[1]
+    axis, length = str(geom.GetStageUpAxis(stage)), float(geom.GetStageMetersPerUnit(stage))
+    notes = []
+    if axis != "Y":
+        notes.append(f"upAxis is {axis} and is kept: lines without expressions run level around y")
+    if geom.StageHasAuthoredMetersPerUnit(stage) and _stage_unit(stage) is None:
+        known = ", ".join(f"{mm / 1000.0:g}" for mm in MILLIMETRES.values())
+        notes.append(f"metersPerUnit is {length:g}, none of {known}: set the unit yourself")
+    return tuple(notes)
+
+
+def _find_mesh(stage: Any, name: str | None) -> Any:
+    """The UsdGeom.Mesh at the path `name`, or of that name where only one has it; without a name
+    the only one. Raises MeshError naming those that there are."""
+    usd, geom, _ = _modules()
+    every = usd.PrimRange(stage.GetPseudoRoot(), usd.TraverseInstanceProxies())
+    meshes = [geom.Mesh(prim) for prim in every if prim.IsA(geom.Mesh)]
+    if name is None:
+        found = meshes
+    else:
+        found = [mesh for mesh in meshes if name in (str(mesh.GetPath()), _name(mesh))]
+    if len(found) == 1:
+        return found[0]
+    if not meshes:
+        raise MeshError("the stage has no mesh (UsdGeom.Mesh)")
+    if name is None:
+        raise MeshError(f"the stage has {len(meshes)} meshes, one must be chosen: {_list(meshes)}")
+    if found:
+        raise MeshError(f"{len(found)} meshes are called {name!r}: {_list(found)}")
+    raise MeshError(f"no mesh {name!r:.200} on the stage; there are: {_list(meshes)}")
+
+
+def _bake_skin(stage: Any, prim: Any) -> None:
+    """Have USD bake blend shapes and joints that move a mesh into samples of its points.
+
+    They are held in memory, all frames of all meshes of that skeleton; the file is not changed. A
+    mesh without a skeleton is left as it is.
+    """
+    from pxr import Gf, UsdSkel
+
+    root = UsdSkel.Root.Find(prim)
+    if not root or prim.IsInstanceProxy() or not prim.HasAPI(UsdSkel.BindingAPI):
+        return
+    stage.SetEditTarget(stage.GetSessionLayer())
+    if not UsdSkel.BakeSkinning(root, Gf.Interval.GetFullInterval()):
+        raise MeshError(f"USD cannot pose {prim.GetPath()} by its skeleton")
+
+
+def _name(mesh: Any) -> str:
+    return str(mesh.GetPrim().GetName())
+
+
+def _list(meshes: Iterable[Any]) -> str:
+    listed = []
+    for mesh in meshes:
+        points = mesh.GetPointsAttr().Get(_modules()[0].TimeCode.EarliestTime())
+        listed.append(f"{mesh.GetPath()} ({plural(0 if points is None else len(points), 'point')})")
+    return ", ".join(listed[:_LISTED]) + (", …" if len(listed) > _LISTED else "")
+
+
+def _read_uv(
+    mesh: Any, corners: NDArray[np.int64], vertices: int
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """(T, 2) texture coordinates and (C,) which of them each corner has.
+
+    corners: (C,) the vertex of each. Values that are not indexed are shared by the corners of one
+    vertex that have the same, so that charts hang together. Raises MeshError naming the primvar.
+    """
+    primvar = _chosen(mesh)
+    name, interpolation = str(primvar.GetPrimvarName()), str(primvar.GetInterpolation())
+    time = _modules()[0].TimeCode.EarliestTime()
+    values = primvar.Get(time)
+    uv = np.array([] if values is None else values, np.float64).reshape(-1, 2)
+    check_size(f"primvar {name}", 2 * len(uv))
+    if interpolation not in _BY_CORNER + _BY_VERTEX:
+        raise MeshError(f"primvar {name} is {interpolation}: must be faceVarying or vertex")
+    rows = len(corners) if interpolation in _BY_CORNER else vertices
+    places = _places(primvar, time, name, len(uv), rows)
+    if interpolation in _BY_VERTEX:
+        return uv, places[corners]
+    return (uv, places) if primvar.IsIndexed() else _shared(uv, corners)
+
+
+def _chosen(mesh: Any) -> Any:
+    api = _modules()[1].PrimvarsAPI(mesh.GetPrim())
+    fit = {
+        str(primvar.GetPrimvarName()): primvar
+        for primvar in api.FindPrimvarsWithInheritance()
+        if primvar.HasValue() and str(primvar.GetTypeName()) in _TYPES
+    }
+    if "st" in fit:
+        return fit["st"]
+    if len(fit) == 1:
+        return next(iter(fit.values()))
+    listed = ", ".join(sorted(fit)) or "none"
+    raise MeshError(f"no primvar st of texture coordinates; pairs of numbers there: {listed}")
+
+
+def _places(primvar: Any, time: Any, name: str, values: int, rows: int) -> NDArray[np.int64]:
+    """(rows,) which value each corner or vertex has."""
+    if not primvar.IsIndexed():
+        if values != rows:
+            raise MeshError(f"primvar {name} has {plural(values, 'value')}, not {rows}")
+        return np.arange(rows)
+    places = np.array(primvar.GetIndices(time), np.int64)
+    if len(places) != rows:
+        raise MeshError(f"primvar {name} has {plural(len(places), 'index', 'indices')}, not {rows}")
+    wrong = (places < 0) | (places >= values)
+    if wrong.any():
+        bad = int(np.argmax(wrong))
+        raise MeshError(f"primvar {name}, index {bad}: no value {places[bad]} of {values}")
+    return places
+
+
+def _shared(
+    uv: NDArray[np.float64], corners: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The values that differ at a vertex, by vertex, and which of them each corner has."""
+    rows = np.column_stack([corners, uv])
+    _, first, places = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    return uv[first], places.reshape(-1)

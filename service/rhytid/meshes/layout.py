@@ -41,7 +41,7 @@ class Layout:
 
     @classmethod
     def of(cls, mesh: Mesh, resolution: int) -> Layout:
-        """Of a mesh; its unit plays no part."""
+        """The layout of a mesh; its unit plays no part."""
         measured = MeasuredMesh(mesh, "", resolution)
         used, udims = np.flatnonzero(measured.used), mesh_udims(mesh)
         overlaps, over = _overlaps(measured, udims)
@@ -59,7 +59,7 @@ class Layout:
 
 
 def _overlaps(measured: MeasuredMesh, udims: tuple[int, ...]) -> tuple[dict[int, Overlap], Mask]:
-    """What overlaps in each UDIM, and which of the usable triangles do."""
+    """The overlap of each UDIM, and a mask of the usable triangles that overlap."""
     found, over = {}, np.zeros(len(measured.uv), bool)
     for udim in udims:
         origin = np.array(udim_origin(udim))

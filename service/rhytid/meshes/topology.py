@@ -47,17 +47,17 @@ class Topology:
 
     @property
     def components(self) -> int:
-        """Parts that share no vertex."""
+        """How many parts there are that share no vertex."""
         return int(self.component.max()) + 1
 
     @property
     def loops(self) -> int:
-        """Open borders; such as touch one another count as one."""
+        """How many open borders there are; borders that touch count as one."""
         return len(self.loop_edges)
 
     @classmethod
     def of(cls, mesh: Mesh) -> Topology:
-        """Of a mesh that can be read."""
+        """The topology of a mesh."""
         edges = _Edges(mesh)
         component = _by_size(joined(edges.ends, len(edges.points))[edges.faces[:, 0]], edges.area)
         loop, lengths = edges.loops()
@@ -137,7 +137,7 @@ class _Edges:
 
 
 def joined(ends: IntArray, nodes: int) -> IntArray:
-    """(nodes,) numbers that all nodes share which edges (E, 2) join."""
+    """(nodes,) numbers of parts: nodes that the edges (E, 2) join share one."""
     from trimesh.graph import connected_component_labels
 
     found: Any = connected_component_labels(ends, node_count=nodes)  # type: ignore[no-untyped-call]

@@ -25,7 +25,7 @@ from rhytid.domain.graph_geometry import surface_points, whole_wrinkles
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.wording import plural
 from rhytid.errors import GraphError
-from rhytid.meshes.closest import closest
+from rhytid.meshes.nearest import closest
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.charts import BORDER, neighbours, trace
 from rhytid.synthesis.seams.copies import flat, full, holds, roots, with_copies
@@ -324,6 +324,6 @@ def _apart(moved: _Moved) -> float:
 
 
 def _typed(name: str, array: NDArray[Any]) -> NDArray[Any]:
-    """Of the type that the graph has."""
+    """An array in the type that the graph has for it."""
     whole = name in ("edge_nodes", "edge_partners") or name.endswith(("_triangle", "_copy_of"))
     return np.asarray(array, np.int32 if whole else np.float32)

@@ -14,10 +14,8 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import udim_origin
 from rhytid.domain.wording import plural
 from rhytid.pictures.images import Picture, to_picture
-from rhytid.pictures.legends import INK, STRIP, font, marked
-from rhytid.pictures.raster import rasterize_uv
-from rhytid.pictures.shade_mesh import CLAY, View, shade_mesh
-from rhytid.pictures.sheet import Panel, sheet
+from rhytid.pictures.raster import CLAY, View, rasterize_uv, shade_mesh
+from rhytid.pictures.sheet import INK, STRIP, Panel, font, marked, sheet
 
 SIDE = 420
 MOST_UDIMS = 6
@@ -28,7 +26,10 @@ _BOX = 26.0
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """triangles: (F,) which have it.  colour: sRGB in 0…1.  name: for the legend."""
+    """A kind of problem and the triangles that have it.
+
+    name: for the legend.  triangles: (F,) mask.  colour: sRGB in 0…1.
+    """
 
     name: str
     triangles: NDArray[np.bool_]
@@ -44,10 +45,10 @@ class Problem:
 def check_picture(
     mesh: Mesh, udims: Sequence[int], problems: Sequence[Problem], caption: str
 ) -> Image.Image:
-    """A sheet: the mesh from three sides, its UDIMs (MOST_UDIMS at most) and a legend.
+    """A sheet with the mesh from three sides, its UDIMs (MOST_UDIMS at most) and a legend.
 
-    Later problems are drawn over earlier ones. A square with its number marks the largest
-    triangle of each; in space, of those that face the viewer.
+    Later problems are drawn over earlier ones. A square with its number marks the largest triangle
+    of each problem; in space, the largest of those that face the viewer.
     """
     space, flat = (_colours(len(mesh.faces), problems, ground) for ground in (CLAY, _FILL))
     solids = [Panel(name, _solid(mesh, turn, space, problems)) for name, turn in _TURNS.items()]
@@ -140,7 +141,8 @@ def _legend(problems: Sequence[Problem]) -> Picture:
 
 
 def problems_of(masks: Mapping[str, NDArray[np.bool_]]) -> list[Problem]:
-    """Problems by the names of KINDS, in their order; names that are not there are left out."""
+    """The problems of masks by the names of KINDS, in the order of KINDS; names without a mask are
+    left out."""
     kinds = ((name, masks[name]) for name in KINDS if name in masks)
     return [Problem(KINDS[name][0], mask, KINDS[name][1]) for name, mask in kinds]
 

@@ -44,7 +44,7 @@ class FlatPatch:
 
     @property
     def shape(self) -> NDArray[np.float64]:
-        """(2, 2) what the expression does to the patch, its rotation taken out."""
+        """(2, 2) the deformation of the patch by the expression, without its rotation."""
         values, vectors = np.linalg.eigh(self.log_stretch)
         result: NDArray[np.float64] = (vectors * np.exp(values)) @ vectors.T
         return result
@@ -91,10 +91,11 @@ def most_stretched_patches(
 def flattest_patches(
     corners: NDArray[Any], triangle_uv: NDArray[Any], radius: float
 ) -> tuple[FlatPatch, ...]:
-    """The flattest patch that faces the viewer, and the flattest of those far from it, if any.
+    """The flattest patch of a mesh at rest that faces the viewer, and the flattest of those far
+    from it, if any.
 
-    As `most_stretched_patches`, of a mesh at rest. Raises MeshError where no patch of that size
-    fits.
+    corners: (F, 3, 3).  triangle_uv: (F, 3, 2) local to the UDIM.  radius: of a patch, mesh units.
+    Raises MeshError where no patch of that size fits.
     """
     rest = np.ones((len(corners), 2))
     triangles = _triangles(corners, triangle_uv, np.tile(np.eye(2), (len(corners), 1, 1)), rest)

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.pictures.crops import spline_samples, spline_slopes
 from rhytid.pictures.images import BACKGROUND, Picture, to_picture
 from rhytid.pictures.raster import Coverage, rasterize
-from rhytid.pictures.relief import flat_light, lit
+from rhytid.pictures.relief import flat_light, lit, spline_samples, spline_slopes
 
 # Sides that a triangle may lie in front of the middle of a patch or behind it.
 _DEPTH = 1.0
@@ -21,14 +20,18 @@ _FORM_EXPOSURE = 1.2
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Where a patch is seen from.  origin: (3,).  axes: (3, 3), rows right, up, to the viewer."""
+    """The place and the axes from which a patch is seen.
+
+    origin: (3,).  axes: (3, 3), rows right, up, to the viewer.
+    """
 
     origin: NDArray[np.float64]
     axes: NDArray[np.float64]
 
     @classmethod
     def at(cls, origin: NDArray[Any], normal: NDArray[Any]) -> Frame:
-        """Up is world y projected into the tangent plane; world z where the normal is ±y."""
+        """The frame of a tangent plane. Up is world y projected into the plane, or world z where
+        the normal is ±y."""
         n = np.asarray(normal, np.float64) / np.linalg.norm(normal)
         upright = np.array([0.0, 1.0, 0.0]) if abs(n[1]) < 0.999 else np.array([0.0, 0.0, 1.0])
         right = np.cross(upright, n)
@@ -37,7 +40,7 @@ class Frame:
 
     @classmethod
     def of(cls, triangle: NDArray[Any]) -> Frame:
-        """The tangent plane in the middle of a triangle (3, 3)."""
+        """The frame of the tangent plane in the middle of a triangle (3, 3)."""
         a, b, c = np.asarray(triangle, np.float64)
         return cls.at((a + b + c) / 3, np.cross(b - a, c - a))
 
@@ -69,7 +72,8 @@ class SurfacePatch:
     form: NDArray[np.float64]
 
     def heights(self, displacement: NDArray[Any]) -> NDArray[np.float64]:
-        """(P, P) of a map (R, R), row 0 at the top, through a cubic B-spline; 0 beside the mesh."""
+        """(P, P) heights of a map (R, R), row 0 at the top, through a cubic B-spline; 0 beside the
+        mesh."""
         values = spline_samples(displacement, *self._texels(len(displacement)))
         return np.where(self.seen.covered, values, 0.0)
 
@@ -82,10 +86,10 @@ class SurfacePatch:
         return np.where(self.seen.covered[..., None], slopes, 0.0)
 
     def picture(self, displacement: NDArray[Any], elevation: float, form: bool = False) -> Picture:
-        """(P, P, 3): the relief under light from the upper left, white beside the mesh.
+        """(P, P, 3) the relief under light from the upper left, white beside the mesh.
 
-        elevation: of the light over the tangent plane, degrees.  form: bend the normals of the
-        mesh itself; else those of a flat sheet.
+        elevation: of the light over the tangent plane, degrees.  form: bend the normals of the mesh
+        itself, not those of a flat sheet.
         """
         normals = self.form.copy() if form else np.tile((0.0, 0.0, 1.0), (*self.uv.shape[:2], 1))
         normals[..., :2] -= self.gradient(displacement)
@@ -110,8 +114,10 @@ def surface_patch(
     """A square of `side` mesh units around the origin of a frame, seen orthographically along it.
 
     corners: (F, 3, 3).  triangle_uv: (F, 3, 2) local to the UDIM of the maps.  normals: (F, 3, 3)
-    smooth ones at the corners; absent: those of the triangles.  The nearest triangle that faces
-    the viewer is seen; what lies more than a side before or behind the plane is left out.
+    smooth ones at the corners; without them, those of the triangles.
+
+    The nearest triangle that faces the viewer is visible. Triangles more than a side before or
+    behind the plane are left out.
     """
     local = frame.local(corners)
     near = _near(local, side)

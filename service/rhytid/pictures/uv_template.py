@@ -1,8 +1,11 @@
-"""Templates to paint over: the charts of a UDIM, which way is up, and the size of texels."""
+"""Templates to paint over: the charts of a UDIM, which way is up, and the size of texels; and a
+sheet that explains them.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,9 +14,9 @@ from PIL import Image, ImageDraw
 
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import udim_origin
-from rhytid.pictures.colours import axis_wheel, diverging
-from rhytid.pictures.images import to_picture
+from rhytid.pictures.images import Picture, axis_wheel, diverging, to_picture
 from rhytid.pictures.raster import rasterize_uv
+from rhytid.pictures.sheet import INK, Panel, blank_strip, colour_bar, sheet, wheel_legend
 
 Floats = NDArray[np.float64]
 # Texels are coloured from a fourth of the usual side to four times as much.
@@ -23,17 +26,20 @@ _ARROWS, _FINE_LINES = 28, 2048
 # Above it lines are not drawn twice as large first: it would take more than 256 MiB.
 _SMOOTHED = 8192
 _WIRE, _BORDER, _ARROW = (70, 74, 82, 150), (214, 84, 20, 255), (20, 90, 200, 255)
-# Of the length of the upward direction, of what lies in the surface: less is level ground.
+# Least length that the upward direction has within the surface; with less the ground is level.
 _LEVEL = 0.25
+SIDE = 620
+MOST_UDIMS = 6
 
 
 @dataclass(frozen=True, eq=False)
 class Charts:
     """The usable triangles of a UDIM, K of them.
 
-    uv: (K, 3, 2) local to the UDIM.  texels: (K,) sides of texels on the surface, mesh units.
-    up, right: (K, 2) unit vectors in UV of what is up (+y) and right on the surface, seen from
-    outside; 0 where the surface is level.  wire, border: (E, 2, 2) edges; those of one triangle.
+    uv: (K, 3, 2) local to the UDIM.  texels: (K,) sides of texels on the surface, mesh units.  up,
+    right: (K, 2) unit vectors in UV of up (+y) and right on the surface, seen from outside; 0 where
+    the surface is level.  wire: (E, 2, 2) all edges.  border: (E, 2, 2) edges of one triangle
+    alone.
     """
 
     uv: Floats
@@ -45,7 +51,8 @@ class Charts:
 
     @classmethod
     def of(cls, mesh: Mesh, udim: int, size: int) -> Charts:
-        """Those that reach into a UDIM, drawn at `size` texels per side."""
+        """The charts of the triangles that reach into a UDIM, which is drawn at `size` texels per
+        side."""
         local = mesh.triangle_uv() - udim_origin(udim)
         near = (local.max(axis=1) > 0).all(axis=1) & (local.min(axis=1) < 1).all(axis=1)
         near &= mesh.usable_triangles()
@@ -63,18 +70,18 @@ class Charts:
         return float(np.median(self.texels))
 
     def texel_colours(self, usual: float) -> Floats:
-        """(K, 3) red where texels are smaller than usual, purple where they are larger."""
+        """(K, 3) colours: red where texels are smaller than usual, purple where they are larger."""
         return diverging(np.log(self.texels / usual), math.log(TEXEL_RANGE))
 
     def orientation_colours(self) -> Floats:
-        """(K, 3) by the direction that level lines have in UV; grey where there is none."""
+        """(K, 3) colours by the direction that level lines have in UV; grey where there is none."""
         known = np.linalg.norm(self.right, axis=1)
         return axis_wheel(np.arctan2(self.right[:, 1], self.right[:, 0]), known)
 
 
 def template(charts: Charts, size: int) -> Image.Image:
-    """RGBA (size, size), empty where nothing is drawn, to lie over a map as a layer: wires, borders
-    of charts in orange, and arrows that point up on the surface, with a foot to the right."""
+    """An RGBA image (size, size) to lay over a map: wires, borders of charts in orange, and arrows
+    that point up on the surface, with a foot to the right; transparent elsewhere."""
     image = Image.new("RGBA", (size, size))
     wide = max(1, round(size / _FINE_LINES))
     for lines, colour, width in (
@@ -92,7 +99,7 @@ def template(charts: Charts, size: int) -> Image.Image:
 
 
 def filled(charts: Charts, colours: Floats, size: int) -> Image.Image:
-    """RGB (size, size): each triangle in its colour of (K, 3), white around them."""
+    """An RGB image (size, size) with each triangle in its colour of (K, 3), white around them."""
     image = Image.new("RGB", (size, size), "white")
     draw = ImageDraw.Draw(image)
     inks = to_picture(colours[None])[0].tolist()
@@ -102,8 +109,52 @@ def filled(charts: Charts, colours: Floats, size: int) -> Image.Image:
 
 
 def starter(value: float, size: int) -> Image.Image:
-    """A grey image of 16 bits (size, size), throughout `value` of white."""
+    """A grey image of 16 bits (size, size), everywhere `value` of white."""
     return Image.fromarray(np.full((size, size), np.rint(value * 65535), np.uint16))
+
+
+def guide(charts: Mapping[int, Charts], usual: float, unit_mm: float, caption: str) -> Image.Image:
+    """A sheet with a row for each UDIM (MOST_UDIMS at most): the template, the direction of level
+    lines, and the size of texels.
+
+    usual: side of a texel on the surface, mesh units.  unit_mm: millimetres in a mesh unit.
+    """
+    rows = [_row(udim, of, usual) for udim, of in list(charts.items())[:MOST_UDIMS]]
+    level = "level lines run this way in UV; grey: level ground"
+    legends = (
+        blank_strip(SIDE, "arrows point up, their feet to the right; orange: ends of charts"),
+        wheel_legend(SIDE, level),
+        _texel_bar(usual * unit_mm),
+    )
+    return sheet([*rows, [Panel("", legend) for legend in legends]], caption)
+
+
+def _row(udim: int, charts: Charts, usual: float) -> list[Panel]:
+    lines = template(charts, SIDE)
+    grounds = {
+        f"UDIM {udim}": Image.new("RGB", lines.size, "white"),
+        "orientation": filled(charts, charts.orientation_colours(), SIDE),
+        "side of a texel": filled(charts, charts.texel_colours(usual), SIDE),
+    }
+    panels = []
+    for title, ground in grounds.items():
+        if title == f"UDIM {udim}":
+            ground.paste(lines, mask=lines)
+        panels.append(Panel(title, _framed(ground)))
+    return panels
+
+
+def _framed(image: Image.Image) -> Picture:
+    framed = np.array(image)
+    framed[[0, -1]], framed[:, [0, -1]] = INK, INK
+    return framed
+
+
+def _texel_bar(usual_mm: float) -> Picture:
+    end = math.log(TEXEL_RANGE)
+    steps = (1 / TEXEL_RANGE, 0.5, 1.0, 2.0, TEXEL_RANGE)
+    ticks = [(math.log(step), f"{step * usual_mm:.3g} mm") for step in steps]
+    return colour_bar(SIDE, -end, end, lambda values: diverging(values, end), ticks)
 
 
 def _upright(edges: Floats, edges_uv: Floats) -> tuple[Floats, Floats]:

@@ -1,6 +1,6 @@
 """Assets on disk: sealed folders, written aside and renamed, that survive a crash."""
 
-from rhytid.storage.contents import asset_id
+from rhytid.storage.asset_ids import asset_id
 from rhytid.storage.records import StoredAsset, StoredRequest
 from rhytid.storage.store import AssetStore
 

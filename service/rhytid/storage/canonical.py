@@ -11,7 +11,7 @@ from rhytid.errors import StorageError, StoreFormatError
 
 
 def canonical(value: Any) -> bytes:
-    """The one JSON text of a value: sorted keys, no spaces, ASCII, no NaN."""
+    """The only JSON text of a value: sorted keys, no spaces, ASCII, no NaN."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
 
 
@@ -28,7 +28,7 @@ def parse_canonical(data: bytes, path: Path) -> Any:
 
 
 def hashed(value: Any) -> bytes:
-    """Canonical text that carries the SHA-256 of its value."""
+    """Canonical text that holds the value and its SHA-256."""
     return canonical({"sha256": _digest(value), "value": value})
 
 

@@ -27,20 +27,21 @@ from rhytid.support.ownership import (
 
 ASSETS, PARTIAL, PACKAGES = "assets", "partial", "packages"
 _OURS = (ASSETS, PARTIAL, PACKAGES)
-# Of the store as a whole: raise its format when an older release must not open a new store.
+# The marker of the whole store: raise its format when an older release must not open a new store.
 STORE = FolderKind("rhytid store", folders=_OURS, needed=(ASSETS, PARTIAL), unnamed=True)
-# What else may be in a store: kernels, a fleet's shared folder, API keys.
+# Other entries that a store may have: kernels, a fleet's shared folder, API keys.
 _BESIDE = {MARKER, LOCK, "cache", "shared", "keys.json", "keys.json.asked", "keys.json.lock"}
 _NOTHING: Mapping[str, bytes] = MappingProxyType({})
 
 
 class StoreFolders:
-    """A folder per asset, its home, with sealed folders in it; and a place to prepare changes in.
+    """The folders of a store: one per asset, its home, with sealed folders in it; and a folder to
+    prepare changes in.
 
-    Opening takes the lock, marks the folder and removes what interrupted changes left behind.
-    lock: False: another process holds the lock and has done so.  Opening raises StorageError where
-    something in the way is not of a store, StoreFormatError where a newer release made the store,
-    and changes nothing then. Methods raise StorageError where the disk fails.
+    Opening takes the lock, marks the store and removes what interrupted changes left behind. It
+    raises StorageError where something is in the way that is not of a store, and StoreFormatError
+    where a newer release made the store; nothing is changed then.  lock: False: another process
+    holds the lock and has done all this.  Methods raise StorageError where the disk fails.
     """
 
     def __init__(self, folder: Path, *, lock: bool) -> None:
@@ -78,7 +79,8 @@ class StoreFolders:
         return homes(self.assets)
 
     def home(self, id: str) -> Path:
-        """The folder of an asset, there or not; raises NotFoundError for what is no id."""
+        """The home of an asset, whether it exists or not; raises NotFoundError where the id is
+        malformed."""
         return self.assets / checked_id(id)
 
     def existing(self, id: str, kind: str) -> Path:
@@ -90,7 +92,7 @@ class StoreFolders:
 
     @contextmanager
     def unchanged(self) -> Iterator[None]:
-        """Nothing is sealed or removed in the block."""
+        """Within the block no other thread seals or removes a folder."""
         with self._changing:
             yield
 
@@ -107,8 +109,8 @@ class StoreFolders:
         files: Mapping[str, bytes],
         before: Mapping[str, bytes] = _NOTHING,
     ) -> bool:
-        """Write `files` with a manifest as home/kind; False, and nothing done, where that is there
-        already.
+        """Write `files` with a manifest as home/kind; return False, and do nothing, where home/kind
+        exists.
 
         before: files that stand in `home` as soon as home/kind does.
         """
@@ -119,8 +121,8 @@ class StoreFolders:
             return self.install(place, home, kind, before)
 
     def install(self, place: Path, home: Path, kind: str, before: Iterable[str]) -> bool:
-        """Make place/kind visible as home/kind, after the files `before`; False, and nothing done,
-        where that is there already."""
+        """Make place/kind visible as home/kind, after the files `before`; return False, and do
+        nothing, where home/kind exists."""
         with self._changing:
             if is_folder(home / kind):
                 return False
@@ -136,7 +138,7 @@ class StoreFolders:
         return True
 
     def replace(self, path: Path, data: bytes) -> None:
-        """Write a file in place of the one that is there."""
+        """Write a file, which replaces the one at the path."""
         with storage_errors(f"{path} cannot be written"), self.workplace() as place:
             atomic_files.write_file(place / path.name, data)
             if is_folder(path):  # nothing of ours, and in the way
@@ -145,7 +147,7 @@ class StoreFolders:
             atomic_files.install(place / path.name, path)
 
     def discard(self, folder: Path, failing: str) -> None:
-        """Remove a folder at one rename, if it is there.  failing: the message of an error."""
+        """Remove a folder at one rename, if it exists.  failing: the message of an error."""
         with self._changing, storage_errors(failing):
             if is_folder(folder):
                 atomic_files.discard(folder, self.partial)

@@ -22,36 +22,36 @@ _log = logging.getLogger(__name__)
 
 
 def checked_id(id: str) -> str:
-    """The id, which is a name of folders; raises NotFoundError for what is no id."""
+    """The id itself, which may name a folder then; raises NotFoundError where it is malformed."""
     if not ID.fullmatch(id):
         raise NotFoundError(f"no asset {id!r}: ids are 16 hexadecimal digits")
     return id
 
 
 def homes(assets: Path) -> Iterator[Path]:
-    """The folders of all assets, by id; nothing else that is in `assets`."""
+    """The homes of all assets, by id; other entries of `assets` are left out."""
     with storage_errors(f"{assets} cannot be read"):
         entries = sorted(assets.iterdir())
     return (entry for entry in entries if ID.fullmatch(entry.name))
 
 
 def is_built(home: Path) -> bool:
-    """Whether it holds a built asset; raises StorageError where that cannot be seen."""
+    """Whether a home holds a built asset; raises StorageError where its folder cannot be read."""
     return is_folder(home / ASSET)
 
 
 def is_requested(home: Path) -> bool:
-    """Whether it holds a request; raises StorageError where that cannot be seen."""
+    """Whether a home holds a request; raises StorageError where its folder cannot be read."""
     return is_folder(home / REQUEST)
 
 
 def holds_something(home: Path) -> bool:
-    """Either of them."""
+    """Whether a home holds a built asset or a request; raises as `is_built` does."""
     return is_built(home) or is_requested(home)
 
 
 def is_readable(home: Path) -> bool:
-    """Whether what it holds can be seen."""
+    """Whether the folder of a home can be read."""
     try:
         holds_something(home)
     except StorageError:
@@ -60,7 +60,7 @@ def is_readable(home: Path) -> bool:
 
 
 def holds_homes(assets: Path) -> bool:
-    """Whether a store has put an asset there, or the request for one."""
+    """Whether the folder `assets` holds an asset of a store, or the request for one."""
     if not is_real_folder(assets):
         return False
     kinds = (home / kind / MANIFEST for home in homes(assets) for kind in (ASSET, REQUEST))
@@ -68,8 +68,11 @@ def holds_homes(assets: Path) -> bool:
 
 
 def sweep(assets: Path, partial: Path) -> None:
-    """Remove what interrupted changes left behind. A folder that cannot be removed or read is left
-    as it is, so that the others can be served; so is what is not of the store."""
+    """Remove what interrupted changes left behind.
+
+    A folder that cannot be removed or read is left as it is, so that the others can be served. So
+    is everything that rhytid did not make.
+    """
     atomic_files.sweep_partial(partial, at_once=True)
     for home in homes(assets):
         if is_plain(home):

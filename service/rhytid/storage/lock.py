@@ -27,16 +27,17 @@ else:
 
 
 _FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
-# What this process is to others that want what it holds: a server, unless a command says.
+# The name of this process in the stores that it locks: a server, unless a command says.
 _SERVER = "rhytid serve"
 _name = _SERVER
-# Of a name that is read.
+# Bytes of a name that are read.
 _LONGEST = 100
 
 
 @contextmanager
 def known_as(name: str) -> Iterator[None]:
-    """Within the block, this process is called so where it holds the store of others."""
+    """Within the block, this process calls itself `name` in the stores that it locks: other
+    processes that want one read the name."""
     global _name
     before, _name = _name, name
     try:
@@ -46,10 +47,10 @@ def known_as(name: str) -> Iterator[None]:
 
 
 class FileLock:
-    """An exclusive hold on a file, which is made where it is not there, until `release`.
+    """An exclusive lock on a file, until `release`; the file is made where it does not exist.
 
-    The file stays: removing it would let two holders lock two files of the same name.
-    Raises StorageError with `refusal` where another holder, in this process or in another, has it.
+    The file stays: removing it would let two holders lock two files of the same name. Raises
+    StorageError with `refusal` where another holder, in this process or in another, has the lock.
     """
 
     def __init__(self, path: Path, refusal: str) -> None:
@@ -61,15 +62,15 @@ class FileLock:
             raise StorageError(refusal) from exc
 
     def release(self) -> None:
-        """Let go; a second call does nothing."""
+        """Release the lock; a second call does nothing."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
 
 
 class FolderLock(FileLock):
-    """The same on the file `lock` of a store's `folder`, which says who holds it; the error names
-    both."""
+    """A `FileLock` on the file `lock` of a store's `folder`, which names its holder; the error
+    names folder and holder."""
 
     def __init__(self, folder: Path) -> None:
         path = folder / LOCK
@@ -80,7 +81,7 @@ class FolderLock(FileLock):
 
 
 def _holder(path: Path) -> str:
-    """Who holds the file, as it says itself; of an earlier version it says nothing."""
+    """The process that holds the file, as it calls itself there; earlier versions wrote no name."""
     text = ""
     with suppress(OSError):
         text = read_plain(path, _LONGEST).decode(errors="replace").strip()

@@ -31,7 +31,7 @@ class StoredFile:
 
     @classmethod
     def of(cls, data: bytes) -> StoredFile:
-        """Of a file with these bytes."""
+        """The size and SHA-256 of a file with these bytes."""
         digest = hashlib.sha256()
         for piece in _pieces(data):
             digest.update(piece)
@@ -39,7 +39,8 @@ class StoredFile:
 
     @classmethod
     def read(cls, path: Path) -> StoredFile:
-        """Of the file at a path, read piece by piece; raises OSError."""
+        """The size and SHA-256 of the file at a path, which is read piece by piece; raises
+        OSError."""
         # hashlib.file_digest came with Python 3.11.
         digest, nbytes = hashlib.sha256(), 0
         with path.open("rb") as file:
@@ -50,7 +51,7 @@ class StoredFile:
         return cls(nbytes, digest.hexdigest())
 
     def as_json(self) -> dict[str, Any]:
-        """As manifests have it."""
+        """The entry of the file in a manifest."""
         return {"bytes": self.nbytes, "sha256": self.sha256}
 
     @classmethod
@@ -84,14 +85,15 @@ def seal(folder: Path, label: str, files: Mapping[str, StoredFile]) -> None:
 
 
 def read_verified(folder: Path, label: str) -> dict[str, bytes]:
-    """The verified files of a sealed folder; raises StorageError naming the first bad file."""
+    """The files of a sealed folder, verified; raises StorageError naming the first file that is not
+    what was written."""
     facts = _manifest(folder, label)
     _check_names(folder, set(facts))
     return {name: _verified(folder / name, expected) for name, expected in facts.items()}
 
 
 def read_file(folder: Path, label: str, name: str) -> bytes:
-    """One verified file of a sealed folder; raises StorageError where it, or the manifest, is
+    """One file of a sealed folder, verified; raises StorageError where the file or the manifest is
     damaged."""
     facts = _manifest(folder, label)
     if name not in facts:
@@ -100,8 +102,8 @@ def read_file(folder: Path, label: str, name: str) -> bytes:
 
 
 def read_manifest(folder: Path, label: str) -> dict[str, StoredFile]:
-    """The files that a sealed folder had when it was written; raises StorageError where the
-    manifest is damaged."""
+    """The sizes and digests of the files of a sealed folder, as they were written; raises
+    StorageError where the manifest is damaged."""
     path = folder / MANIFEST
     try:
         return {name: StoredFile.parse(fact) for name, fact in _manifest(folder, label).items()}
@@ -114,8 +116,8 @@ def _manifest(folder: Path, label: str) -> dict[str, Any]:
     manifest = parse_canonical(_bytes(path), path)
     facts = manifest.get("files") if isinstance(manifest, dict) else None
     check_format(manifest, FORMAT, path)
-    wanted = {"format": FORMAT, "label": label, "files": facts}
-    if manifest != wanted or not isinstance(facts, dict):
+    expected = {"format": FORMAT, "label": label, "files": facts}
+    if manifest != expected or not isinstance(facts, dict):
         raise damaged(path, f"not a manifest of {label}, format {FORMAT}")
     return facts
 

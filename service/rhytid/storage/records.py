@@ -1,47 +1,49 @@
-"""Records of an asset as files: a request, a built asset."""
+"""The files of an asset: a request, the built asset, its present settings and its named shapes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any, TypeVar
 
+from numpy.typing import NDArray
 from safetensors import SafetensorError
+from safetensors.numpy import load, save
 
 from rhytid.domain.asset_settings import PRESETS, AssetSettings
-from rhytid.domain.expressions import Folds
+from rhytid.domain.expressions import Expressions, Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Controls, Stiffness
+from rhytid.domain.warnings import InputWarning
 from rhytid.errors import InputError, LimitError, StoreFormatError
 from rhytid.formats.graphs import read_graph, write_graph
-from rhytid.storage.canonical import canonical, damaged, parse_canonical
-from rhytid.storage.contents import (
-    read_controls,
-    read_folds,
-    read_mesh,
-    read_stiffness,
-    write_controls,
-    write_folds,
-    write_mesh,
-    write_stiffness,
-)
+from rhytid.storage.asset_ids import mesh_arrays
+from rhytid.storage.canonical import canonical, damaged, hashed, parse_canonical, parse_hashed
+from rhytid.storage.homes import ASSET, OVERLAY
+from rhytid.storage.manifest import read_file
+from rhytid.support.atomic_files import storage_errors
 
 T = TypeVar("T")
 Files = Mapping[str, bytes]
-
 MESH, GRAPH, FACTS = "mesh.safetensors", "graph.safetensors", "facts.json"
 STIFFNESS, CONTROLS = "stiffness.safetensors", "controls.safetensors"
 FOLDS = "folds.safetensors"
 # A fact of assets that have had an overlay from the start; older ones have one once they change.
 OVERLAID = "overlaid"
+SHAPE_ARRAYS, SHAPE_NAMES = "shapes.safetensors", "names.json"
 
 
 @dataclass(frozen=True, eq=False)
 class StoredRequest:
-    """What a caller sent; `graph` None asks to synthesise one, guided by `controls` and `folds`:
-    what is left of the expressions that were sent."""
+    """The content that a caller sent for an asset.
+
+    graph: None: one is to be synthesised, guided by `controls` and `folds`, which are computed from
+    the expressions that were sent.
+    """
 
     mesh: Mesh
     settings: AssetSettings
@@ -55,9 +57,9 @@ class StoredRequest:
         facts = {"settings": self.settings.as_json()}
         files = _files(self.mesh, self.graph, facts, self.stiffness)
         if self.controls is not None:
-            files[CONTROLS] = write_controls(self.controls)
+            files[CONTROLS] = _packed(self.controls.arrays())
         if self.folds is not None:
-            files[FOLDS] = write_folds(self.folds)
+            files[FOLDS] = _packed(self.folds.arrays())
         return files
 
     @classmethod
@@ -67,15 +69,15 @@ class StoredRequest:
         facts = _facts(files, folder)
         mesh = _decode(files, folder / MESH, read_mesh)
         painted = folder / CONTROLS
-        controls = _decode(files, painted, read_controls) if CONTROLS in files else None
-        folds = _decode(files, folder / FOLDS, read_folds) if FOLDS in files else None
+        controls = _decode(files, painted, _of(Controls.of_arrays)) if CONTROLS in files else None
+        folds = _decode(files, folder / FOLDS, _of(Folds.of_arrays)) if FOLDS in files else None
         settings, stiffness = _settings(facts, folder), _stiffness(files, folder)
         return cls(mesh, settings, graph, stiffness, controls, folds)
 
 
 @dataclass(frozen=True, eq=False)
 class StoredAsset:
-    """A built asset: its settings are resolved; `extra` holds JSON facts of the build."""
+    """A built asset. Its settings are resolved; `extra` holds facts of the build as JSON."""
 
     mesh: Mesh
     graph: WrinkleGraph
@@ -98,15 +100,34 @@ class StoredAsset:
         return cls(mesh, graph, settings, facts["extra"], stiffness)
 
 
+def write_mesh(mesh: Mesh) -> bytes:
+    """The mesh as safetensors; uv stay float64."""
+    return _packed(mesh_arrays(mesh))
+
+
+def read_mesh(data: bytes) -> Mesh:
+    """The inverse of `write_mesh`; raises MeshError, TypeError or SafetensorError."""
+    return Mesh(**load(data))
+
+
 def decode_mesh(data: bytes, path: Path) -> Mesh:
-    """The mesh of a file that was verified; raises StorageError naming `path`."""
+    """The mesh of a file that was verified; raises StorageError naming `path` where it means
+    nothing here."""
     return _decode({path.name: data}, path, read_mesh)
 
 
 def decode_settings(facts: bytes, path: Path) -> AssetSettings:
-    """The settings that an asset was built with, of its facts, which were verified; raises
+    """The settings that an asset was built with, out of its facts, which were verified; raises
     StorageError naming `path`."""
     return _settings(_facts({path.name: facts}, path.parent), path.parent)
+
+
+def parse_settings(value: Any, path: Path) -> AssetSettings:
+    """Settings out of a file that was verified; raises StoreFormatError naming `path`."""
+    try:
+        return AssetSettings.parse(_drawn_as_before(value))
+    except InputError as exc:
+        raise _foreign(path, exc) from exc
 
 
 def _files(
@@ -119,12 +140,25 @@ def _files(
     if graph is not None:
         files[GRAPH] = write_graph(graph)
     if stiffness is not None:
-        files[STIFFNESS] = write_stiffness(stiffness)
+        files[STIFFNESS] = _packed(stiffness.arrays())
     return files
 
 
 def _stiffness(files: Files, folder: Path) -> Stiffness | None:
-    return _decode(files, folder / STIFFNESS, read_stiffness) if STIFFNESS in files else None
+    if STIFFNESS not in files:
+        return None
+    return _decode(files, folder / STIFFNESS, _of(Stiffness.of_arrays))
+
+
+def _packed(arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """Arrays as safetensors."""
+    data: bytes = save(dict(arrays))
+    return data
+
+
+def _of(parse: Callable[[dict[str, NDArray[Any]]], T]) -> Callable[[bytes], T]:
+    """A reader of safetensors files whose arrays `parse` takes."""
+    return lambda data: parse(load(data))
 
 
 def _decode(files: Files, path: Path, read: Callable[[bytes], T]) -> T:
@@ -154,14 +188,6 @@ def _settings(facts: Mapping[str, Any], folder: Path) -> AssetSettings:
     return parse_settings(facts.get("settings"), folder / FACTS)
 
 
-def parse_settings(value: Any, path: Path) -> AssetSettings:
-    """Settings out of a file that was verified; raises StoreFormatError naming `path`."""
-    try:
-        return AssetSettings.parse(_drawn_as_before(value))
-    except InputError as exc:
-        raise _foreign(path, exc) from exc
-
-
 def _drawn_as_before(value: Any) -> Any:
     """Settings written before lines were arcs and skin swelled, with what leaves them as they were
     drawn: the preset `paper` has all of it."""
@@ -170,3 +196,93 @@ def _drawn_as_before(value: Any) -> Any:
     before = {"shape": PRESETS["paper"].shape, "response": PRESETS["paper"].response}
     known = {name: value[name] for name in before if isinstance(value.get(name), dict)}
     return {**value, **{name: {**before[name], **given} for name, given in known.items()}}
+
+
+@dataclass(frozen=True)
+class BuildFacts:
+    """Facts of the build of an asset. None: the version that built the asset did not record it.
+
+    spacing, distance: of pores, mesh units.  uv_length: of a step of 1 in UV, mesh units.
+    warnings: of the mesh.
+    """
+
+    spacing: float
+    distance: float | None
+    uv_length: float | None
+    warnings: tuple[InputWarning, ...] | None
+
+    @classmethod
+    def of(cls, stored: StoredAsset) -> BuildFacts:
+        """The facts of a built asset; raises StoreFormatError where they are not what a build
+        writes."""
+        extra = stored.extra
+        try:
+            spacing = float(extra["spacing"])
+            distance, uv_length = (
+                None if (known := extra.get(name)) is None else float(known)
+                for name in ("distance", "uv_length")
+            )
+            kept = extra.get("warnings")
+            warnings = None if kept is None else tuple(InputWarning(**one) for one in kept)
+        except (KeyError, TypeError, ValueError) as exc:
+            raise StoreFormatError(f"{FACTS} is of another version of rhytid: {exc!r}") from exc
+        if not (isfinite(spacing) and spacing > 0):
+            raise StoreFormatError(f"{FACTS}: a spacing of {spacing} is none")
+        return cls(spacing, distance, uv_length, warnings)
+
+
+def write_overlay(label: str, settings: AssetSettings) -> bytes:
+    """The present settings of the asset `label` as a file of their own."""
+    return hashed({"label": label, "settings": settings.as_json()})
+
+
+def read_overlay(label: str, data: bytes, path: Path) -> AssetSettings:
+    """The inverse of `write_overlay`; raises StorageError naming `path`."""
+    value = parse_hashed(data, path)
+    if not isinstance(value, dict) or value.get("label") != label:
+        raise damaged(path, f"not the settings of {label}")
+    return parse_settings(value.get("settings"), path)
+
+
+def changed_settings(home: Path) -> AssetSettings | None:
+    """The present settings of a built asset; None where an older version built it and it never
+    changed.
+
+    home: the folder of the asset, whose name is its id. Raises StorageError where the settings are
+    damaged.
+    """
+    path, facts = home / OVERLAY, home / ASSET / FACTS
+    with storage_errors(f"{path} cannot be read"), suppress(FileNotFoundError):
+        return read_overlay(f"{ASSET} {home.name}", path.read_bytes(), path)
+    with storage_errors(f"{facts} cannot be read"):
+        found = parse_canonical(facts.read_bytes(), facts)
+    if isinstance(found, dict) and found.get(OVERLAID, False):
+        raise damaged(path, "the file is missing")
+    return None
+
+
+def present_settings(home: Path) -> AssetSettings:
+    """The present settings of a built asset: those of its overlay, else those that it was built
+    with."""
+    if (changed := changed_settings(home)) is not None:
+        return changed
+    folder = home / ASSET
+    facts = read_file(folder, f"{ASSET} {home.name}", FACTS)
+    return decode_settings(facts, folder / FACTS)
+
+
+def shape_files(shapes: Expressions) -> dict[str, bytes]:
+    """The files of named shapes, by name: the positions as safetensors, the names as JSON."""
+    positions = _packed({"shapes": shapes.positions})
+    return {SHAPE_ARRAYS: positions, SHAPE_NAMES: canonical(list(shapes.names))}
+
+
+def read_shapes(files: Mapping[str, bytes], folder: Path) -> Expressions:
+    """The inverse of `shape_files`; raises StorageError naming what is wrong in `folder`."""
+    try:
+        data, named = files[SHAPE_ARRAYS], files[SHAPE_NAMES]
+        names = parse_canonical(named, folder / SHAPE_NAMES)
+        positions = load(data)["shapes"]
+        return Expressions.checked(positions, positions.shape[1], list(names))
+    except (InputError, KeyError, TypeError, ValueError, SafetensorError) as exc:
+        raise damaged(folder / SHAPE_ARRAYS, f"{type(exc).__name__}: {exc}") from exc

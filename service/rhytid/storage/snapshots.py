@@ -1,30 +1,44 @@
-"""Snapshots: an asset as one file, written and read piece by piece (`snapshot_index` has the
-format)."""
+"""Snapshots: an asset as one file, written and read piece by piece.
+
+A snapshot is an uncompressed tar. Its first file, `snapshot.json`, names all others in the order in
+which they come. Headers of the tar hold nothing but a name and a size, so that the same asset gives
+the same bytes everywhere, and each header that is read is compared with the only one there may be.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import os
+import re
+import tarfile
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from types import MappingProxyType
+from typing import Any, BinaryIO, Protocol
 
-from rhytid.errors import SnapshotError
-from rhytid.storage.canonical import damaged
-from rhytid.storage.homes import ASSET, SHAPES
+from rhytid.errors import SnapshotError, StorageError
+from rhytid.storage.canonical import damaged, hashed, parse_hashed
+from rhytid.storage.homes import ASSET, ID, OVERLAY, SHAPES
 from rhytid.storage.manifest import StoredFile, seal
-from rhytid.storage.snapshot_index import (
-    BLOCK,
-    END,
-    INDEX,
-    SnapshotIndex,
-    header,
-    index_size,
-    padding,
-)
+from rhytid.storage.records import FACTS, GRAPH, MESH, SHAPE_ARRAYS, SHAPE_NAMES, STIFFNESS
 from rhytid.support.atomic_files import storage_errors, sync_folder, write_pieces
 
+# Raise it when an older version could not read a new snapshot rightly. Format 2 has named shapes; a
+# snapshot without any is of format 1, so that versions that do not know shapes read it.
+FORMAT = 2
+INDEX = "snapshot.json"
+LONGEST_INDEX = 1 << 16
+BLOCK = 512
+# Two empty blocks end a tar.
+END = bytes(2 * BLOCK)
+NEEDED = (*(f"{ASSET}/{name}" for name in (FACTS, GRAPH, MESH)), OVERLAY)
+NAMED_SHAPES = tuple(f"{SHAPES}/{name}" for name in (SHAPE_ARRAYS, SHAPE_NAMES))
+ALLOWED = {*NEEDED, f"{ASSET}/{STIFFNESS}", *NAMED_SHAPES}
+_SHA256 = re.compile(r"[0-9a-f]{64}", re.ASCII)
+_KIND = "rhytid snapshot"
+_FOREIGN = "this is no snapshot of rhytid"
 # Bytes that are in memory at a time.
 PIECE = 1 << 18
 
@@ -56,7 +70,7 @@ class Snapshot:
     """An asset to be written as one file.
 
     It holds the files of the asset open, so that it stays whole when the asset is removed; close
-    it.  index: what the file begins with.  nbytes: of the whole file.
+    it.  index: at the beginning of the file.  nbytes: of the whole file.
     """
 
     def __init__(self, index: SnapshotIndex, paths: Mapping[str, Path], overlay: bytes) -> None:
@@ -71,16 +85,16 @@ class Snapshot:
 
     @property
     def parts(self) -> tuple[SnapshotIndex, Mapping[str, Path], bytes]:
-        """What it is made of: its index, the paths of its files and its overlay."""
+        """The index, the paths of its files by name, and the bytes of its overlay."""
         return self.index, self._paths, self._overlay
 
     def check(self) -> None:
-        """Read all of it; raises StorageError where a file is not what was written."""
+        """Read all files; raises StorageError where one is not what was written."""
         for name in self._paths:
             self.check_file(name)
 
     def check_file(self, name: str) -> None:
-        """As `check`, of one of its files that is not the overlay."""
+        """Read one file that is not the overlay; raises as `check` does."""
         for _ in self._content(name, self.index.files[name]):
             pass
 
@@ -103,7 +117,7 @@ class Snapshot:
     def __exit__(self, *exc: object) -> None:
         self.close()
 
-    def _content(self, name: str, wanted: StoredFile) -> Iterator[bytes]:
+    def _content(self, name: str, expected: StoredFile) -> Iterator[bytes]:
         file, path = self._files[name], self._paths[name]
         digest, size = hashlib.sha256(), 0
         with storage_errors(f"{path} cannot be read"):
@@ -111,19 +125,19 @@ class Snapshot:
             while piece := file.read(PIECE):
                 digest.update(piece)
                 size += len(piece)
-                if size > wanted.nbytes:
+                if size > expected.nbytes:
                     break
                 yield piece
-        if StoredFile(size, digest.hexdigest()) != wanted:
+        if StoredFile(size, digest.hexdigest()) != expected:
             raise damaged(path, "it is not what the manifest says")
 
 
 def unpack(stream: Readable, nbytes: int, place: Path) -> SnapshotIndex:
     """Write the files of a snapshot into the folder `place`, as sealed folders and an overlay.
 
-    nbytes: of the snapshot. No more than that is written. Raises SnapshotError naming the byte
-    where a snapshot is damaged, cut off, of a newer format or none; what is written by then is left
-    in `place`. The bytes are those that were written; what they mean is not looked at.
+    nbytes: of the snapshot; no more than that is written. Raises SnapshotError naming the byte
+    where a snapshot is damaged, cut off, of a newer format or none; files that were written by then
+    stay in `place`. The bytes are compared with their digests; their meaning is not checked.
     """
     source = _Source(stream)
     size = index_size(source.exactly(BLOCK, "its first block"))
@@ -143,8 +157,8 @@ def unpack(stream: Readable, nbytes: int, place: Path) -> SnapshotIndex:
 
 @contextmanager
 def sealed(index: SnapshotIndex, place: Path) -> Iterator[None]:
-    """The block writes the files of a snapshot into the folder `place`; then its folders are
-    sealed. What is written is not compared with the index."""
+    """Within the block the files of a snapshot are written into the folder `place`; then its
+    folders are sealed. The files are not compared with the index."""
     kinds = (ASSET, SHAPES) if index.has_shapes else (ASSET,)
     for kind in kinds:
         (place / kind).mkdir()
@@ -156,7 +170,8 @@ def sealed(index: SnapshotIndex, place: Path) -> Iterator[None]:
 
 
 def asset_of(stream: Readable) -> str:
-    """The id of the asset of a snapshot, of which the beginning is read; raises SnapshotError."""
+    """The id of the asset of a snapshot, of which only the beginning is read; raises
+    SnapshotError."""
     source = _Source(stream)
     size = index_size(source.exactly(BLOCK, "its first block"))
     return SnapshotIndex.decode(source.exactly(size, INDEX)).asset
@@ -169,13 +184,13 @@ class _Source:
         self._stream, self._at = stream, 0
 
     def exactly(self, size: int, what: str) -> bytes:
-        """So many bytes, fewer than a piece."""
+        """The next `size` bytes, at most a piece."""
         return b"".join(self._pieces(size, what))
 
-    def expect(self, wanted: bytes, what: str) -> None:
+    def expect(self, expected: bytes, what: str) -> None:
         """Pass by bytes that can only be these."""
         at = self._at
-        if self.exactly(len(wanted), what) != wanted:
+        if self.exactly(len(expected), what) != expected:
             raise SnapshotError(f"it is damaged from byte {at} on: that is not {what}")
 
     def content(self, name: str, file: StoredFile) -> Iterator[bytes]:
@@ -205,3 +220,103 @@ def _member(name: str, pieces: list[bytes]) -> Iterator[bytes]:
     yield header(name, size)
     yield from pieces
     yield bytes(padding(size))
+
+
+@dataclass(frozen=True)
+class SnapshotIndex:
+    """The index of a snapshot: its asset, and its files by name, in their order."""
+
+    asset: str
+    files: Mapping[str, StoredFile]
+
+    @classmethod
+    def of(cls, asset: str, files: Mapping[str, StoredFile]) -> SnapshotIndex:
+        """The index of these files, in the order that they have in every snapshot."""
+        return cls(asset, MappingProxyType({name: files[name] for name in sorted(files)}))
+
+    def encode(self) -> bytes:
+        """The text of `snapshot.json`."""
+        files = [{"name": name, **file.as_json()} for name, file in self.files.items()]
+        named = FORMAT if self.has_shapes else 1
+        return hashed({"kind": _KIND, "format": named, "asset": self.asset, "files": files})
+
+    @classmethod
+    def decode(cls, data: bytes) -> SnapshotIndex:
+        """The inverse of `encode`; raises SnapshotError naming what is wrong."""
+        try:
+            found = parse_hashed(data, Path(INDEX))
+        except StorageError as exc:
+            raise SnapshotError(str(exc)) from exc
+        if not isinstance(found, dict) or found.get("kind") != _KIND:
+            raise SnapshotError(f"{_FOREIGN}: {INDEX} does not say so")
+        named = found.get("format")
+        if type(named) is not int or not 0 < named <= FORMAT:
+            raise SnapshotError(
+                f"a snapshot of format {named}, and this version of rhytid reads {FORMAT}: "
+                "update rhytid, or make the snapshot with the version that reads it here"
+            )
+        index = cls.of(_asset(found.get("asset")), _files(found.get("files")))
+        if index.encode() != data:
+            raise SnapshotError(f"{INDEX} holds more than format {named} has, or in another order")
+        return index
+
+    @property
+    def has_shapes(self) -> bool:
+        """Whether named shapes are among the files."""
+        return any(name in self.files for name in NAMED_SHAPES)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the whole snapshot."""
+        sizes = [len(self.encode()), *(file.nbytes for file in self.files.values())]
+        return sum(BLOCK + size + padding(size) for size in sizes) + len(END)
+
+
+def header(name: str, nbytes: int) -> bytes:
+    """The block of a tar that precedes a file."""
+    about = tarfile.TarInfo(name)
+    about.size = nbytes
+    return about.tobuf(tarfile.GNU_FORMAT, "ascii", "strict")
+
+
+def index_size(block: bytes) -> int:
+    """The size of `snapshot.json`, by the first block of a file; raises SnapshotError where the
+    block is not the first of a snapshot."""
+    try:
+        about = tarfile.TarInfo.frombuf(block, "ascii", "strict")
+    except (tarfile.TarError, ValueError) as exc:
+        raise SnapshotError(f"{_FOREIGN}: byte 0 does not begin a tar ({exc})") from exc
+    if about.name != INDEX or block != header(INDEX, about.size):
+        raise SnapshotError(f"{_FOREIGN}: its first file is {about.name!r:.80}, not {INDEX}")
+    if about.size > LONGEST_INDEX:
+        raise SnapshotError(f"{INDEX} has {about.size} bytes: at most {LONGEST_INDEX}")
+    return about.size
+
+
+def padding(nbytes: int) -> int:
+    """How many bytes fill the last block of a file."""
+    return -nbytes % BLOCK
+
+
+def _asset(named: Any) -> str:
+    if not isinstance(named, str) or not ID.fullmatch(named):
+        raise SnapshotError(f"{INDEX}: asset is {named!r:.80}, not 16 hexadecimal digits")
+    return named
+
+
+def _files(listed: Any) -> dict[str, StoredFile]:
+    try:
+        found = {str(entry["name"]): StoredFile.parse(entry) for entry in listed}
+    except (KeyError, TypeError, ValueError) as exc:
+        raise SnapshotError(f"{INDEX}: files are not listed as they should be: {exc}") from exc
+    for name, file in found.items():
+        if name not in ALLOWED:
+            raise SnapshotError(f"{INDEX} names {name!r:.80}, which is no file of an asset")
+        if file.nbytes < 0 or not _SHA256.fullmatch(file.sha256):
+            raise SnapshotError(f"{INDEX}: {name} has no size and SHA-256")
+    for name in NEEDED:
+        if name not in found:
+            raise SnapshotError(f"{INDEX} does not name {name}, which every asset has")
+    if len(found.keys() & set(NAMED_SHAPES)) == 1:
+        raise SnapshotError(f"{INDEX} names one of {' and '.join(NAMED_SHAPES)}: both or none")
+    return found

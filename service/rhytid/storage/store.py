@@ -42,16 +42,23 @@ from rhytid.storage.homes import (
     is_readable,
     is_requested,
 )
-from rhytid.storage.kept_shapes import read_shapes, shape_files
 from rhytid.storage.manifest import (
     StoredFile,
     read_file,
     read_manifest,
     read_verified,
 )
-from rhytid.storage.overlays import changed_settings, write_overlay
-from rhytid.storage.packages import KeptPackages
-from rhytid.storage.records import MESH, StoredAsset, StoredRequest, decode_mesh
+from rhytid.storage.packages import PackageCache
+from rhytid.storage.records import (
+    MESH,
+    StoredAsset,
+    StoredRequest,
+    changed_settings,
+    decode_mesh,
+    read_shapes,
+    shape_files,
+    write_overlay,
+)
 
 
 class AssetStore:
@@ -73,7 +80,7 @@ class AssetStore:
 
     def __init__(self, folder: Path, *, lock: bool = True, packages: int | None = None) -> None:
         self._folders = StoreFolders(folder, lock=lock)
-        self.packages = KeptPackages(folder / PACKAGES, self._folders.partial, packages)
+        self.packages = PackageCache(folder / PACKAGES, self._folders.partial, packages)
         self.snapshots = AssetSnapshots(self._folders, self.delete)
         if not lock:
             return
@@ -94,14 +101,14 @@ class AssetStore:
         self.close()
 
     def ids(self) -> list[str]:
-        """Ids of the built assets, ascending; one that is damaged, or whose folder cannot be read,
-        is listed and raises when read."""
+        """Ids of the built assets, ascending. An asset that is damaged, or whose folder cannot be
+        read, is listed, and raises when it is read."""
         return [
             home.name for home in self._folders.homes() if not is_readable(home) or is_built(home)
         ]
 
     def pending(self) -> list[str]:
-        """Ids that were requested and are not built yet, ascending."""
+        """Ids of the assets that were requested and are not built yet, ascending."""
         waiting = (
             home for home in self._folders.homes() if is_readable(home) and is_requested(home)
         )
@@ -117,15 +124,15 @@ class AssetStore:
         controls: Controls | None = None,
         folds: Folds | None = None,
     ) -> None:
-        """Store what a caller sent until the asset is built; nothing is changed for an id that is
-        there."""
+        """Store what a caller sent until the asset is built. Nothing is changed where the store has
+        that id."""
         home = self._folders.home(id)
         if not holds_something(home):
             request = StoredRequest(mesh, settings, graph, stiffness, controls, folds)
             self._folders.seal(home, REQUEST, request.files())
 
     def request(self, id: str) -> StoredRequest:
-        """What a caller sent for an asset that is not built yet."""
+        """The content that a caller sent for an asset that is not built yet."""
         folder = self._folders.existing(id, REQUEST)
         return StoredRequest.read(read_verified(folder, f"{REQUEST} {id}"), folder)
 
@@ -140,8 +147,8 @@ class AssetStore:
     ) -> None:
         """Store a built asset with an overlay of its settings, and remove its request.
 
-        `settings` are resolved; `extra` is a JSON object. Raises StorageError where the asset is
-        there already: it does not change, only `delete` removes it.
+        settings: resolved.  extra: a JSON object. Raises StorageError where the asset is stored
+        already: it does not change, only `delete` removes it.
         """
         home = self._folders.home(id)
         asset = StoredAsset(mesh, graph, settings, dict(extra), stiffness)
@@ -162,9 +169,9 @@ class AssetStore:
         return decode_mesh(read_file(folder, f"{kind} {id}", MESH), folder / MESH)
 
     def put_shapes(self, id: str, shapes: Expressions) -> None:
-        """Keep the named shapes of an asset that is built or requested, in place of others.
+        """Keep the named shapes of an asset that is built or requested; they replace earlier ones.
 
-        Where they are there as they are, nothing is written.
+        Nothing is written where the store has the same shapes.
         """
         home, files = self._folders.home(id), shape_files(shapes)
         if not holds_something(home):
@@ -188,7 +195,8 @@ class AssetStore:
         return sum(file.nbytes for file in files.values())
 
     def shapes_digests(self, id: str) -> dict[str, str]:
-        """Digests of the files of its named shapes, by name; none where it has none."""
+        """Digests of the files of the named shapes of an asset, by name; empty where it has
+        none."""
         try:
             files = read_manifest(self._folders.existing(id, SHAPES), f"{SHAPES} {id}")
         except NotFoundError:
@@ -207,10 +215,11 @@ class AssetStore:
         self.packages.forget(id)
 
     def overlay(self, id: str) -> AssetSettings | None:
-        """The present settings, or None of an asset of an older version that never changed."""
+        """The present settings of a built asset; None where an older version built it and it never
+        changed."""
         return changed_settings(self._folders.existing(id, ASSET).parent)
 
     def delete(self, id: str) -> None:
-        """Remove an asset, its request and its changed settings, all at once."""
+        """Remove an asset, its request and its present settings, all at once."""
         self._folders.remove(id)
         self.packages.forget(id)

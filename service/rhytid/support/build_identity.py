@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from importlib.abc import Traversable
 
 # What runs the kernels, and what makes files of their maps.
-_DRAWN_BY = ("rhytid.pipeline", "rhytid.textures")
+_DRAWN_BY = ("rhytid.pipeline", "rhytid.exports.textures")
 # Written into a wheel by `hatch_build.py`.
 _REVISION = "revision.txt"
 _IGNORED = "__pycache__"

@@ -11,14 +11,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rhytid.domain.tiles import TileAddress, triangles_inside, udim_origin
-from rhytid.pictures.colours import diverging, signed_grey
-from rhytid.pictures.crops import surface_crop
 from rhytid.pictures.flat_patches import FlatPatch, most_stretched_patches
-from rhytid.pictures.images import Picture, to_picture
-from rhytid.pictures.legends import axis_arrows, blank_strip, scale_bar, wheel_legend
-from rhytid.pictures.relief import relief
-from rhytid.pictures.shade_mesh import View, shade_mesh
-from rhytid.pictures.sheet import Panel, sheet
+from rhytid.pictures.images import Picture, diverging, signed_grey, to_picture
+from rhytid.pictures.raster import View, shade_mesh
+from rhytid.pictures.relief import relief, surface_crop
+from rhytid.pictures.sheet import Panel, axis_arrows, blank_strip, scale_bar, sheet, wheel_legend
 from rhytid.pipeline.bins import quantisation_steps, sample_stretches
 from rhytid_lab.bench.skin import COLUMNS, Column, Map, Skin
 from rhytid_lab.bench.subject import Subject

@@ -8,12 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rhytid.pictures.colours import signed_grey
-from rhytid.pictures.crops import spline_samples
-from rhytid.pictures.images import BACKGROUND, Picture, downsample, to_picture
-from rhytid.pictures.raster import Coverage, rasterize
-from rhytid.pictures.relief import lit
-from rhytid.pictures.shade_mesh import View, vertex_normals
+from rhytid.pictures.images import BACKGROUND, Picture, downsample, signed_grey, to_picture
+from rhytid.pictures.raster import Coverage, View, rasterize, vertex_normals
+from rhytid.pictures.relief import lit, spline_samples
 from rhytid.pictures.sheet import Panel, sheet
 from rhytid.synthesis.progress import Progress
 from rhytid_lab.bench.face_figures import performance_of

@@ -24,9 +24,9 @@ from rhytid.api.encoding import WORKING, answer_stored, etag, matches
 from rhytid.api.request_memory import PIECE
 from rhytid.api.schemas import Asset, GraphQuery, MeshQuery
 from rhytid.api.uploads import TAR
-from rhytid.formats.curves import CURVE_FORMATS, curve_format
+from rhytid.exports.curves import CURVE_FORMATS, curve_format
+from rhytid.exports.meshes import MESH_FORMATS, flat_mesh, mesh_format
 from rhytid.formats.graphs import write_graph
-from rhytid.meshes.export import MESH_FORMATS, flat_mesh, mesh_format
 from rhytid.storage.snapshots import OpenFile
 
 SAFETENSORS = "application/vnd.safetensors"

@@ -13,8 +13,7 @@ from rhytid.engine.assets.graphs import graph_lengths, mean_spacing
 from rhytid.engine.assets.on_device import DAMAGED, DeviceAssets
 from rhytid.engine.frames import FrameMemory
 from rhytid.errors import SettingsError, StorageError, StoreFormatError, public_message
-from rhytid.storage.build_facts import BuildFacts
-from rhytid.storage.records import StoredAsset
+from rhytid.storage.records import BuildFacts, StoredAsset
 from rhytid.storage.store import AssetStore
 
 _log = logging.getLogger(__name__)

@@ -24,7 +24,7 @@ from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError, MeshError
 from rhytid.pipeline.elements import check_cover
 from rhytid.pipeline.work import DrawLimit
-from rhytid.storage.contents import asset_id
+from rhytid.storage.asset_ids import asset_id
 from rhytid.synthesis.capacity import check_amount
 
 

@@ -9,7 +9,7 @@ from rhytid.errors import SnapshotError, StorageError
 from rhytid.storage.canonical import check_format, parse_hashed
 from rhytid.storage.homes import ID, checked_id
 from rhytid.storage.shared.place import MANIFESTS, Place, damaged
-from rhytid.storage.snapshot_index import FORMAT, LONGEST_INDEX, SnapshotIndex
+from rhytid.storage.snapshots import FORMAT, LONGEST_INDEX, SnapshotIndex
 
 _SUFFIX = ".json"
 

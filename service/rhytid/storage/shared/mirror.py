@@ -14,11 +14,11 @@ from rhytid.errors import (
     StorageError,
     StoreFormatError,
 )
+from rhytid.storage.asset_snapshots import UnpackedAsset
 from rhytid.storage.canonical import hashed
 from rhytid.storage.shared.shared_store import Report, SharedStore
-from rhytid.storage.snapshot_index import SnapshotIndex
+from rhytid.storage.snapshots import SnapshotIndex
 from rhytid.storage.store import AssetStore
-from rhytid.storage.unpacked import UnpackedAsset
 
 
 class StoreMirror:

@@ -33,8 +33,7 @@ from rhytid.storage.homes import checked_id
 from rhytid.storage.manifest import StoredFile
 from rhytid.storage.shared.manifests import SharedManifests, manifest_name
 from rhytid.storage.shared.place import OBJECT, OBJECTS, Place, damaged, place_of
-from rhytid.storage.snapshot_index import SnapshotIndex
-from rhytid.storage.snapshots import Snapshot, sealed
+from rhytid.storage.snapshots import Snapshot, SnapshotIndex, sealed
 from rhytid.support.atomic_files import remove_tree
 from rhytid.support.build_identity import drawing_version
 

@@ -1,0 +1,1 @@
+"""Files for other programs: textures, skin packages, looks, curves and meshes."""

@@ -1,0 +1,156 @@
+"""The surface itself, moved by its displacement: for programs that do not displace."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.mesh import Mesh, add_centre
+from rhytid.domain.tiles import udim_origin
+from rhytid.errors import LimitError
+from rhytid.exports.meshes import FlatMesh, flat_mesh, welded
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+# Triangles of a subdivided mesh: some 200 bytes each while it is made and written, 4 GiB in all.
+MOST_TRIANGLES = 20_000_000
+# How far towards the middle of its triangle a corner is moved before its UDIM is looked up: it may
+# lie on the border of two.
+_INWARDS = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Subdivided:
+    """A mesh each of whose triangles is cut in four, `levels` times; no vertex of it is rounded.
+
+    mesh: the mesh that was cut.  flat: its vertices, split along seams.  edges: of each level, (E,
+    2) the vertices between which new ones lie.  faces (F', 3), uv (W', 2): of the result.  udim
+    (W',): whose map moves a vertex.  welded (W',): the same number for vertices at the same place.
+    """
+
+    mesh: Mesh
+    flat: FlatMesh
+    edges: tuple[IntArray, ...]
+    faces: IntArray
+    uv: FloatArray
+    udim: IntArray
+    welded: IntArray
+
+    @classmethod
+    def of(cls, mesh: Mesh, levels: int) -> Subdivided:
+        """Cut every triangle `levels` times; raises LimitError where there would be too many."""
+        count = len(mesh.faces) * 4**levels
+        if count > MOST_TRIANGLES:
+            raise LimitError(
+                f"{len(mesh.faces)} triangles cut {levels} times are {count}: at most "
+                f"{MOST_TRIANGLES}"
+            )
+        flat, edges = flat_mesh(mesh), []
+        faces = flat.faces
+        vertices = len(flat.positions)
+        for _ in range(levels):
+            faces, ends = _cut(faces, vertices)
+            edges.append(ends)
+            vertices += len(ends)
+        uv = _spread(flat.uv, edges)
+        welded = _welded(mesh, flat, edges)
+        return cls(mesh, flat, tuple(edges), faces, uv, _udims(uv, faces), welded)
+
+    def moved(
+        self, positions: NDArray[np.float32], maps: Mapping[int, NDArray[np.floating]]
+    ) -> FlatMesh:
+        """A frame with its displacement.
+
+        positions (V, 3): of the mesh, less its centre.  maps: by UDIM, (R, R) heights in mesh
+        units, row 0 at the top; vertices of UDIMs without one stay.
+
+        Each vertex moves along the normal of the frame by the height that its map has there,
+        interpolated between the nearest four texels. Vertices that a seam splits move by the mean
+        of both sides, so that no gap opens.
+        """
+        source = self.flat.source
+        normals = _spread(_normals(positions, self.mesh)[source], self.edges)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        heights = np.zeros(len(self.uv))
+        for udim, heights_of in maps.items():
+            some = np.flatnonzero(self.udim == udim)
+            heights[some] = sampled(heights_of, self.uv[some] - udim_origin(udim))
+        many = np.bincount(self.welded)
+        heights = (np.bincount(self.welded, heights) / many)[self.welded]
+        there = _spread(positions.astype(np.float64)[source], self.edges)
+        out = add_centre(there + heights[:, None] * normals, self.mesh.centre)
+        out = out if self.mesh.centre.any() else out.astype(np.float32)
+        return FlatMesh(out, self.faces, self.uv, np.zeros(0, np.int64))
+
+
+def sampled(heights: NDArray[np.floating], uv: FloatArray) -> FloatArray:
+    """(N,) values of a map (R, R), row 0 at the top, at places (N, 2) in its unit square.
+
+    Linear between the middles of texels; beyond the outermost middles their values go on.
+    """
+    size = len(heights)
+    place = np.stack([1.0 - uv[:, 1], uv[:, 0]], axis=1) * size - 0.5
+    place = np.clip(place, 0.0, size - 1.0)
+    low = np.minimum(place.astype(np.int64), max(size - 2, 0))
+    (r, c), (y, x) = low.T, (place - low).T
+    after = min(1, size - 1)
+    top = heights[r, c] * (1 - x) + heights[r, c + after] * x
+    bottom = heights[r + after, c] * (1 - x) + heights[r + after, c + after] * x
+    found: FloatArray = top * (1 - y) + bottom * y
+    return found
+
+
+def _cut(faces: IntArray, vertices: int) -> tuple[IntArray, IntArray]:
+    """Four triangles for each, and the edges in whose middles the new vertices lie, in order."""
+    import trimesh
+
+    tri: Any = trimesh.Trimesh(np.zeros((vertices, 3)), faces, process=False, validate=False)
+    a, b, c = faces.T
+    ab, bc, ca = np.asarray(tri.faces_unique_edges, np.int64).T + vertices
+    four = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    parts = np.stack([np.stack(one, axis=1) for one in four], axis=1)
+    return parts.reshape(-1, 3), np.asarray(tri.edges_unique, np.int64)
+
+
+def _spread(values: FloatArray, edges: tuple[IntArray, ...] | list[IntArray]) -> FloatArray:
+    """Values of vertices, and of those in the middles of edges, level by level."""
+    for ends in edges:
+        values = np.concatenate([values, 0.5 * (values[ends[:, 0]] + values[ends[:, 1]])])
+    return values
+
+
+def _welded(mesh: Mesh, flat: FlatMesh, edges: list[IntArray]) -> IntArray:
+    """(W',) numbers of places: of a vertex of the neutral, or of the middle of two."""
+    number = welded(mesh)[flat.source]
+    for ends in edges:
+        pair = np.sort(number[ends], axis=1)
+        _, middle = np.unique(pair, axis=0, return_inverse=True)
+        number = np.concatenate([number, number.max() + 1 + middle.reshape(-1)])
+    return number
+
+
+def _udims(uv: FloatArray, faces: IntArray) -> IntArray:
+    """(W',) UDIMs of vertices; of one on a border, that of a triangle of its own."""
+    place = uv.copy()
+    middle = uv[faces].mean(axis=1)
+    for corner in range(3):
+        at = faces[:, corner]
+        place[at] = uv[at] + _INWARDS * (middle - uv[at])
+    cell = np.floor(place).astype(np.int64)
+    found: IntArray = 1001 + cell[:, 0] + 10 * cell[:, 1]
+    return found
+
+
+def _normals(positions: NDArray[np.float32], mesh: Mesh) -> FloatArray:
+    """(V, 3) of a frame, by the angles of its triangles; over seams as within charts."""
+    import trimesh
+
+    place = welded(mesh)
+    _, first = np.unique(place, return_index=True)
+    tri: Any = trimesh.Trimesh(positions[first], place[mesh.faces], process=False, validate=False)
+    normals: FloatArray = np.asarray(tri.vertex_normals, np.float64)[place]
+    return normals

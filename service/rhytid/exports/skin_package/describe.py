@@ -1,0 +1,179 @@
+"""The manifest of a package, from what is known of its asset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from rhytid import __version__
+from rhytid.domain.expressions import Expressions
+from rhytid.domain.mesh import Mesh
+from rhytid.exports.skin_package import manifest as m
+from rhytid.exports.skin_package.languages import BINDINGS, LANGUAGES
+from rhytid.exports.skin_package.maps import CUSHIONS, WRINKLES, SkinMaps
+from rhytid.exports.skin_package.shaders import COMPUTE, materialx_files, stretch_file
+
+TRIANGLES_A_ROW = 1024
+
+
+@dataclass(frozen=True)
+class PackageTextures:
+    """The textures of a package as the manifest describes them.
+
+    wrinkles, cushions: stored as sets, so that what the numbers of their texels stand for comes
+    with them.
+    """
+
+    maps: m.Textures
+    wrinkles: tuple[m.Textures, m.Codes]
+    triangles: m.Textures
+    cushions: tuple[m.Textures, m.Codes] | None
+    cushion_triangles: m.Textures | None
+
+
+def package_manifest(
+    maps: SkinMaps, mesh: Mesh, shapes: Expressions | None, written: PackageTextures
+) -> m.Manifest:
+    """The manifest of a package with these textures."""
+    in_sets = [one for one in (written.wrinkles, written.cushions) if one is not None]
+    plain = (written.maps, written.triangles, written.cushion_triangles)
+    found = [*(one for one in plain if one is not None), *(one for one, _ in in_sets)]
+    codes = sum(one.bytes for _, one in in_sets)
+    wrinkles, wrinkle_codes = written.wrinkles
+    return m.Manifest(
+        **_facts(maps),
+        mesh=_mesh(mesh, shapes),
+        blend=_blend(maps),
+        layers=_layers(maps),
+        wrinkles=m.Wrinkles(textures=wrinkles, codes=wrinkle_codes),
+        textures=written.maps,
+        triangles=written.triangles,
+        cushion=_cushion(maps, written),
+        stretch=_stretch(len(mesh.faces)),
+        weights=_weights(maps, len(mesh.faces)),
+        shaders={dialect: _shaders(dialect, written.cushions is not None) for dialect in LANGUAGES},
+        materialx=materialx_files(),
+        texture_bytes=codes + sum(one.bytes for one in found),
+        texture_bytes_of_level_0=codes + sum(one.bytes_of_level_0 for one in found),
+        conventions=m.CONVENTIONS,
+        left_out=m.LEFT_OUT,
+    )
+
+
+def _facts(maps: SkinMaps) -> dict[str, Any]:
+    """The asset of the package, and its settings."""
+    settings = maps.settings
+    return {
+        "format": m.FORMAT,
+        "version": m.VERSION,
+        "rhytid_version": __version__,
+        "asset": maps.asset,
+        "preset": settings.preset,
+        "unit": settings.length_unit,
+        "unit_in_metres": maps.metres,
+        "scale": maps.scale,
+        "resolution": settings.resolution,
+        "udims": list(maps.engine.assets.info(maps.asset).udims),
+        "settings": settings.drawn(),
+    }
+
+
+def _mesh(mesh: Mesh, shapes: Expressions | None) -> m.Mesh:
+    names = [] if shapes is None else list(shapes.names)
+    return m.Mesh(
+        file="skin.glb", vertices=len(mesh.positions), shapes=names, centre=mesh.centre.tolist()
+    )
+
+
+def _blend(maps: SkinMaps) -> m.Blend:
+    bins = maps.bins
+    return m.Blend(
+        angles=list(bins.angles),
+        r_max=maps.settings.bins.r_max,
+        last_sample=maps.settings.last_sample,
+        merge=bins.merge,
+        sharpness=bins.sharpness,
+        depth=bins.depth,
+        log_stretch_limit=bins.log_stretch_limit,
+        scale_limit=bins.scale_limit,
+        soft_limits=bins.soft_limits,
+        # A single bin has no angles for a line.
+        tilt=m.Tilt(node=bins.tilt.node) if bins.tilt and len(bins.angles) > 1 else None,
+        grain=m.Grain(exponent=bins.grain.exponent) if bins.grain else None,
+    )
+
+
+def _layers(maps: SkinMaps) -> list[m.Layer]:
+    found = [_layer(maps, WRINKLES)]
+    first = 0
+    for name in maps.names:
+        found.append(_layer(maps, name, first))
+        first += maps.count(name)
+    return found
+
+
+def _layer(maps: SkinMaps, name: str, first: int = 0) -> m.Layer:
+    bins = maps.bins
+    samples = {"pores": bins.pore_samples, "wrinkles": bins.samples, CUSHIONS: bins.samples}
+    pores = name == "pores"
+    return m.Layer(
+        name=name,
+        first=first,
+        bins=bins.layers[name],
+        samples=list(samples.get(name, (0.0,))),
+        steps=list(bins.steps[name]),
+        depth_exponent=bins.depth_exponents["pores" if pores else "wrinkles"],
+        depth_limit=bins.pore_depth_limit if pores else bins.scale_limit,
+    )
+
+
+def _cushion(maps: SkinMaps, written: PackageTextures) -> m.Cushion | None:
+    cushion, triangles = maps.bins.cushion, written.cushion_triangles
+    if cushion is None or written.cushions is None or triangles is None:
+        return None
+    textures, codes = written.cushions
+    return m.Cushion(
+        textures=textures,
+        codes=codes,
+        triangles=triangles,
+        layer=_layer(maps, CUSHIONS),
+        factor=cushion.factor,
+        apron=cushion.apron,
+        sharpness=cushion.sharpness,
+    )
+
+
+def _weights(maps: SkinMaps, triangles: int) -> m.Weights:
+    layers, rows = len(maps.bins.angles) + 1, _rows(triangles)
+    layers += maps.bins.grain is not None
+    return m.Weights(width=TRIANGLES_A_ROW, height=layers * rows, rows=rows)
+
+
+def _rows(triangles: int) -> int:
+    """Rows of a texture with an entry for each triangle, and one for no triangle."""
+    return -(-(triangles + 1) // TRIANGLES_A_ROW)
+
+
+def _stretch(triangles: int) -> m.Stretch:
+    return m.Stretch(
+        triangles=triangles,
+        triangles_a_row=TRIANGLES_A_ROW,
+        width=2 * TRIANGLES_A_ROW,
+        height=_rows(triangles),
+        rest="triangles.bin",
+        python="stretch.py",
+        javascript="stretch.js",
+        compute={name: stretch_file(name) for name in COMPUTE},
+    )
+
+
+def _shaders(dialect: str, cushion: bool) -> m.Shaders:
+    passes = ["weights", *(["cushion"] if cushion else []), "height"]
+    language = LANGUAGES[dialect]
+    folder, suffix = f"shaders/{dialect}", language.suffix
+    return m.Shaders(
+        libraries={name: f"shaders/{name}.{language.ending}" for name in ("weights", "skin")},
+        vertex=f"{folder}/full.vert{suffix}",
+        passes={name: f"{folder}/{name}.frag{suffix}" for name in passes},
+        bindings={name: n for n, name in enumerate(BINDINGS)} if dialect == "wgsl" else None,
+    )

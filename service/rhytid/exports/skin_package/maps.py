@@ -1,0 +1,178 @@
+"""The precomputed maps of an asset, read out of an engine map by map as whole UDIMs.
+
+`Source` and the protocols below it are what a package needs of an engine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.bin_manifest import BinManifest
+from rhytid.domain.lengths import millimetres
+from rhytid.domain.tiles import TileAddress
+from rhytid.errors import SettingsError
+from rhytid.exports.skin_package.texture_arrays import Paging
+from rhytid.pipeline.bins import HEADROOM, map_count
+from rhytid.pipeline.grain import relief
+
+# The layers of the array of maps, in this order.
+LAYERS = ("pores", "wrinkle_tilts", "grain")
+# Layers with arrays of their own, stored as sets of their samples.
+WRINKLES, CUSHIONS = "wrinkles", "cushions"
+LEAST_CODE = -127
+Codes = NDArray[np.int8]
+
+
+@dataclass(frozen=True, eq=False)
+class UdimMaps:
+    """The maps of a UDIM by layer: (K, n, n) int8, for every bin those of its samples."""
+
+    udim: int
+    maps: dict[str, Codes]
+
+
+@dataclass(frozen=True)
+class SkinMaps:
+    """The precomputed maps of an asset whose settings the shader knows."""
+
+    engine: Source
+    asset: str
+    settings: AssetSettings
+    bins: BinManifest
+
+    @classmethod
+    def of(cls, engine: Source, asset: str) -> SkinMaps:
+        """The maps of a ready asset; raises SettingsError naming a setting that the shader does not
+        know."""
+        settings = AssetSettings.parse(engine.assets.info(asset).settings)
+        check_settings(settings)
+        if engine.assets.stiff(asset):
+            raise SettingsError("the asset has a stiffness map: packages have none yet")
+        return cls(engine, asset, settings, engine.tiles.bins(asset))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The layers of the array of maps that this asset has."""
+        return tuple(name for name in LAYERS if name in self.bins.layers)
+
+    def count(self, name: str) -> int:
+        """How many maps a layer has."""
+        return self.bins.layers[name] * len(self.bins.steps[name])
+
+    @property
+    def metres(self) -> float | None:
+        """Metres in a mesh unit; None where the unit has no known length."""
+        length = millimetres(self.settings.length_unit)
+        return None if length is None else length / 1000.0
+
+    @property
+    def scale(self) -> float:
+        """The largest displacement that is possible, mesh units."""
+        return self.bins.scale_limit * (1.0 + HEADROOM) * self.bins.depth
+
+    @property
+    def cushion_side(self) -> int:
+        """Samples per side of the cushions, with their apron."""
+        assert self.bins.cushion is not None
+        return self.settings.resolution // self.bins.cushion.factor + 2 * self.bins.cushion.apron
+
+    def empty(self, udim: int) -> UdimMaps:
+        """Zeros for the maps of a UDIM, for `fill`."""
+        sides = dict.fromkeys((WRINKLES, *self.names), self.settings.resolution)
+        if self.bins.cushion is not None:
+            sides[CUSHIONS] = self.cushion_side
+        maps = {n: np.zeros((self.count(n), side, side), np.int8) for n, side in sides.items()}
+        return UdimMaps(udim, maps)
+
+    def fill(self, into: UdimMaps, address: TileAddress) -> None:
+        """Read the codes of a tile from the engine into their places; those of cushions with their
+        apron."""
+        row, column = self.settings.grid.first_texel(address)
+        for name, maps in into.maps.items():
+            cushion = self.bins.cushion if name == CUSHIONS else None
+            factor = 1 if cushion is None else cushion.factor
+            y, x, samples = row // factor, column // factor, len(self.bins.steps[name])
+            for i, out in enumerate(maps):
+                n, sample = divmod(i, samples)
+                codes = self.engine.tiles.bin_tile(self.asset, address, name, n, sample)
+                # Grain goes down to -128, which R8_SNORM takes for -127.
+                out[y : y + len(codes), x : x + len(codes)] = np.maximum(codes, LEAST_CODE)
+
+
+def check_settings(settings: AssetSettings) -> None:
+    """Raise SettingsError naming a setting that packages do not know, LimitError where WebGL2 has
+    too few layers for the maps."""
+    known: dict[str, tuple[object, Callable[[object], bool], str]] = {
+        "angles": (settings.angles, lambda v: v == "uv", '"uv"'),
+        "bins.bits": (settings.bins.bits, lambda v: v == 8, "8"),
+        "bins.merge": (settings.bins.merge, lambda v: v != "mellow", "min, soft or signed"),
+    }
+    for name, (value, good, rule) in known.items():
+        if not good(value):
+            raise SettingsError(f"{name} is {value}: packages are made where it is {rule}")
+    bins = settings.bins
+    others = map_count(bins) - bins.count * bins.samples + (relief(settings) > 0.0)
+    Paging.of(settings.resolution, max(others, bins.count))
+
+
+class Source(Protocol):
+    """The engine that a package is made from."""
+
+    @property
+    def assets(self) -> Assets:
+        """The assets of the engine."""
+
+    @property
+    def tiles(self) -> Tiles:
+        """The precomputed maps of the assets."""
+
+
+class Assets(Protocol):
+    """Ready assets."""
+
+    def info(self, asset: str) -> AssetFacts:
+        """The facts of an asset."""
+
+    def stiff(self, asset: str) -> bool:
+        """Whether an asset has a stiffness map."""
+
+
+class AssetFacts(Protocol):
+    """The facts of an asset that a package needs."""
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All settings, resolved."""
+
+    @property
+    def udims(self) -> tuple[int, ...]:
+        """The UDIMs that the mesh has triangles in."""
+
+
+class Tiles(Protocol):
+    """The precomputed maps of ready assets."""
+
+    def bins(self, asset: str) -> BinManifest:
+        """The maps that an asset has."""
+
+    def bin_tile(
+        self,
+        asset: str,
+        address: TileAddress,
+        layer: str,
+        bin: int | None = None,
+        sample: int | None = None,
+    ) -> NDArray[np.integer]:
+        """(n, n) codes of a tile of one map."""
+
+    def triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
+        """(R, R) the triangle of each texel."""
+
+    def cushion_triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
+        """(n, n) the triangle of each sample of the cushions."""

@@ -1,0 +1,10 @@
+"""Texture files of displacement for the programs that read them: profiles of `rhytid bake`.
+
+The names of the profiles are here for the command line, which lists them before numpy is imported.
+"""
+
+from __future__ import annotations
+
+PROFILE_NAMES = (
+    "float", "half", "png16", "normal-gl", "normal-dx", "cavity", "weights", "mip", "tx",
+)  # fmt: skip

@@ -1,0 +1,234 @@
+"""One UDIM of one frame as the profiles draw it, and where its texels lie on the mesh.
+
+`Chart` and `Padding` are found once per asset and are the same in every frame: the points of the
+mesh under the texels, and which texels next to the islands of the UV layout take the displacement
+of others, for filters that read across their borders.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.tiles import udim_origin
+from rhytid.errors import MeshError
+from rhytid.exports.textures.tangents import Posed
+from rhytid.formats.tile_header import TileHeader
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+T = TypeVar("T", bound=np.generic)
+Facts = dict[str, str | int | float]
+# Texels that are worked on at once: some 40 doubles each.
+TEXELS = 1 << 18
+# Tolerance of a barycentric weight: the device looks up with UV that are rounded to float32.
+_ROUNDED = 1e-4
+# Rows that are searched at once, beside the margin on both sides.
+_ROWS = 256
+# The values are data, not colours: the attribute of OpenEXR, and in plain words.
+_RAW: Facts = {"colour_space": "raw", "colorInteropID": "data"}
+
+
+@dataclass(frozen=True, eq=False)
+class FrameMap:
+    """One UDIM of one frame. Values that take long to compute are functions, which compute them
+    once.
+
+    header: of the map.  depth: of a furrow of strength 1, mesh units.  heights: (R, R) float32
+    displacement, mesh units, row 0 at the top.  padding: of the texels next to islands.  chart: its
+    texels on the mesh.  posed: the surface of the frame.  weights: (F, 3, 2) of corners, stretch
+    and compression.
+    """
+
+    header: TileHeader
+    depth: float
+    heights: Callable[[], NDArray[np.float32]]
+    padding: Callable[[], Padding]
+    chart: Callable[[], Chart]
+    posed: Callable[[], Posed]
+    weights: Callable[[], NDArray[np.float64]]
+
+    def bordered(self) -> NDArray[np.float32]:
+        """The displacement; within the padding, texels have that of the nearest texel inside."""
+        return self.padding().padded(self.heights())
+
+    def padded(self) -> NDArray[np.float32]:
+        """The displacement; texels outside of the islands have that of the nearest texel inside."""
+        return self.chart().padded(self.heights())
+
+
+def attributes(header: TileHeader, facts: Facts, values: NDArray[Any]) -> Facts:
+    """The attributes that are written beside the texels.
+
+    facts: of the profile, `scale` among them.  values: those that the texels stand for; their
+    `minimum` and `maximum` become attributes.
+    """
+    ends = {"minimum": float(values.min()), "maximum": float(values.max())}
+    return {**header.attributes(), **facts, **ends, **_RAW}
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """The triangles (R, R) of the texels of a UDIM, row 0 at the top.
+
+    covered (R, R): which texels show a triangle, padding included; the others have that of the
+    nearest one that does.  inside (R, R): which have their centre in their triangle.  nearest
+    (R, R): the number of the nearest one inside, row by row.  islands (F,): the part of the UV
+    layout that each triangle is of.  uv_edges (F, 3, 2): first corner, local to the UDIM, and the
+    two edges from it.
+    """
+
+    triangles: NDArray[np.int32]
+    covered: NDArray[np.bool_]
+    inside: NDArray[np.bool_]
+    nearest: NDArray[np.int32]
+    islands: IntArray
+    uv_edges: FloatArray
+
+    @classmethod
+    def of(cls, mesh: Mesh, udim: int, triangles: NDArray[np.int32]) -> Chart:
+        """The chart of a UDIM.
+
+        triangles: (R, R) the triangle of each texel, as the service finds it; the number of
+        triangles stands for none. Raises MeshError where no texel shows one.
+        """
+        edges = local_edges(mesh, udim)
+        covered = triangles < len(mesh.faces)
+        if not covered.any():
+            raise MeshError(f"no texel of UDIM {udim} shows a triangle: the resolution is too low")
+        filled = triangles.reshape(-1)[_nearest(covered)]
+        inside = texels_inside(filled, edges) & covered
+        # Triangles that all lie between the centres of texels.
+        inside = inside if inside.any() else covered
+        return cls(filled, covered, inside, _nearest(inside), _islands(mesh), edges)
+
+    def padded(self, values: NDArray[T]) -> NDArray[T]:
+        """(R, R, …) values whose texels outside of the islands have the value of the nearest texel
+        inside."""
+        found: NDArray[T] = values.reshape(-1, *values.shape[2:])[self.nearest]
+        return found
+
+    def corner_weights(self, rows: slice, where: NDArray[np.bool_]) -> FloatArray:
+        """(K, 3) barycentric weights of those texels of some rows that `where` names, in their
+        triangles; outside of its triangle a texel has those of a point on its border."""
+        weights = _barycentric(self.triangles, self.uv_edges, rows, where).clip(0.0, None)
+        scaled: FloatArray = weights / weights.sum(axis=1, keepdims=True)
+        return scaled
+
+
+@dataclass(frozen=True, eq=False)
+class Padding:
+    """Which texels of a map take the displacement of which others: found once per asset.
+
+    texels, sources: (K,) numbers, row by row. They are few, along the borders, so that an asset of
+    many UDIMs can keep them all.
+    """
+
+    texels: NDArray[np.int32]
+    sources: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, mesh: Mesh, udim: int, triangles: NDArray[np.int32], reach: int) -> Padding:
+        """The padding of a UDIM.
+
+        triangles: (R, R) the triangle of each texel, or of the nearest one within `reach` texels of
+        an island, as the service finds it; the number of triangles stands for none.
+        """
+        shown = triangles < len(mesh.faces)
+        inside = texels_inside(np.where(shown, triangles, 0), local_edges(mesh, udim)) & shown
+        found = list(_nearest_inside(shown & ~inside, inside, reach + 1))
+        texels = [texel for texel, _ in found] or [np.zeros(0, np.int32)]
+        sources = [source for _, source in found] or [np.zeros(0, np.int32)]
+        return cls(np.concatenate(texels), np.concatenate(sources))
+
+    def padded(self, heights: NDArray[np.float32]) -> NDArray[np.float32]:
+        """A copy of a map (R, R) in which each of `texels` has the value of its source."""
+        out: NDArray[np.float32] = heights.copy()
+        out.reshape(-1)[self.texels] = heights.reshape(-1)[self.sources]
+        return out
+
+
+def local_edges(mesh: Mesh, udim: int) -> FloatArray:
+    """(F, 3, 2): the first corner of each triangle, local to a UDIM, and the two edges from it."""
+    corners = mesh.triangle_uv() - np.array(udim_origin(udim), np.float64)
+    first = corners[:, 0]
+    return np.stack([first, corners[:, 1] - first, corners[:, 2] - first], axis=1)
+
+
+def texels_inside(triangles: NDArray[np.int32], uv_edges: FloatArray) -> NDArray[np.bool_]:
+    """(R, R) whether the centre of each texel lies in its triangle (R, R)."""
+    side = len(triangles)
+    found = np.zeros((side, side), np.bool_)
+    rows = max(TEXELS // side, 1)
+    for start in range(0, side, rows):
+        part = slice(start, min(start + rows, side))
+        every = np.ones((part.stop - start, side), np.bool_)
+        least = _barycentric(triangles, uv_edges, part, every).min(axis=1)
+        found[part] = (least >= -_ROUNDED).reshape(-1, side)
+    return found
+
+
+def _barycentric(
+    triangles: NDArray[np.int32], uv_edges: FloatArray, rows: slice, where: NDArray[np.bool_]
+) -> FloatArray:
+    """(K, 3) of those texels of some rows that `where` names; negative outside of a triangle."""
+    side = len(triangles)
+    row, column = np.nonzero(where)
+    a, b, c = np.moveaxis(uv_edges[triangles[rows][where]], 1, 0)
+    x = (column + 0.5) / side - a[:, 0]
+    y = 1.0 - (row + rows.start + 0.5) / side - a[:, 1]
+    area = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
+    area[area == 0.0] = np.nan  # such a triangle holds no texel
+    second = (x * c[:, 1] - y * c[:, 0]) / area
+    third = (y * b[:, 0] - x * b[:, 1]) / area
+    return np.stack([1.0 - second - third, second, third], axis=1)
+
+
+def _nearest(known: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """(R, R) the number of the nearest texel that is known, row by row."""
+    row, column = ndimage.distance_transform_edt(
+        ~known, return_distances=False, return_indices=True
+    ).astype(np.int32)
+    found: NDArray[np.int32] = row * np.int32(known.shape[1]) + column
+    return found
+
+
+def _nearest_inside(
+    outside: NDArray[np.bool_], inside: NDArray[np.bool_], reach: int
+) -> Iterator[tuple[NDArray[np.int32], NDArray[np.int32]]]:
+    """Numbers of texels that are outside, and of the nearest ones inside, some rows at a time: a
+    search of the whole map takes 12 bytes a texel. Where none is within reach of the rows, the
+    texel is left out."""
+    side = len(outside)
+    for start in range(0, side, _ROWS):
+        row, column = np.nonzero(outside[start : start + _ROWS])
+        first = max(start - reach, 0)
+        near = inside[first : start + _ROWS + reach]
+        if not len(row) or not near.any():
+            continue
+        rows, columns = ndimage.distance_transform_edt(
+            ~near, return_distances=False, return_indices=True
+        )
+        here = row + (start - first), column
+        source = (rows[here].astype(np.int64) + first) * side + columns[here]
+        yield ((row + start) * side + column).astype(np.int32), source.astype(np.int32)
+
+
+def _islands(mesh: Mesh) -> IntArray:
+    """(F,) numbers of parts of the UV layout: triangles that share texture coordinates."""
+    _, uv = np.unique(mesh.uv, axis=0, return_inverse=True)
+    corner = uv.reshape(-1)[mesh.face_uv]
+    pairs = np.concatenate([corner[:, :2], corner[:, 1:]])
+    size = len(mesh.uv)
+    joined = coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), (size, size))
+    _, parts = connected_components(joined, directed=False)
+    found: IntArray = parts[corner[:, 0]].astype(np.int64)
+    return found

@@ -1,0 +1,120 @@
+"""The profiles: the file that each writes, and its contents."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from rhytid.errors import QueryError
+from rhytid.exports.textures import writers
+from rhytid.exports.textures.frame_map import Facts, FrameMap
+from rhytid.exports.textures.writers import image_library
+
+_UDIM_FIRST, _FRAME_FIRST = "{udim}.{frame}", "{frame}.{udim}"
+
+
+@dataclass(frozen=True)
+class Profile:
+    """One kind of texture file.
+
+    key: identifies the bytes that it writes of a map: a change of the writer needs another key.
+    extension: with its dot.  middle: between NAME and extension.  texel_bytes: before compression.
+    write: draws and writes one file, whole or not at all.  facts: for readers of the files, the
+    same for all files of an asset.  described: whether the facts are in a file beside them, too.
+    drawn: whether it shows displacement, and not only the stretch of the frame.  posed: whether it
+    reads the positions of the frame, too.  tiled: whether it needs OpenImageIO.
+    """
+
+    name: str
+    key: str
+    extension: str
+    middle: str
+    texel_bytes: float
+    write: Callable[[Path, FrameMap, Facts], None]
+    facts: Callable[[FrameMap], Facts]
+    described: bool = True
+    drawn: bool = True
+    posed: bool = False
+    tiled: bool = False
+
+    def file_name(self, name: str, udim: int, frame: str) -> str:
+        """The name of one file."""
+        return f"{name}.{self.middle.format(udim=udim, frame=frame)}{self.extension}"
+
+    def pattern(self, name: str) -> str:
+        """The names of all files, with <UDIM> and <FRAME>."""
+        return f"{name}.{self.middle.format(udim='<UDIM>', frame='<FRAME>')}{self.extension}"
+
+    def all_facts(self, drawn: FrameMap) -> Facts:
+        """The facts of the profile, with its name."""
+        return {"profile": self.name, **self.facts(drawn)}
+
+    def check(self) -> None:
+        """Raise InputError where a library that the profile needs is missing."""
+        if self.tiled:
+            image_library()
+
+
+_MIPMAPPED = 4.0 * 4.0 / 3.0
+_ALL = (
+    Profile(
+        "float", "single-1", ".exr", _UDIM_FIRST, 4.0,
+        writers.write_float, writers.plain_facts, described=False,
+    ),
+    Profile(
+        "half", "half-1", ".exr", _UDIM_FIRST, 2.0,
+        writers.write_half, writers.plain_facts, described=False,
+    ),
+    Profile(
+        "png16", "png16-2", ".png", f"png16.{_UDIM_FIRST}", 2.0,
+        writers.write_png16, writers.png16_facts,
+    ),
+    Profile(
+        "normal-gl", "normal-gl-2", ".png", f"normal-gl.{_UDIM_FIRST}", 6.0,
+        writers.write_normals, writers.normal_gl_facts, posed=True,
+    ),
+    Profile(
+        "normal-dx", "normal-dx-2", ".png", f"normal-dx.{_FRAME_FIRST}", 6.0,
+        writers.write_normals, writers.normal_dx_facts, posed=True,
+    ),
+    Profile(
+        "cavity", "cavity-1", ".png", f"cavity.{_FRAME_FIRST}", 1.0,
+        writers.write_cavity, writers.cavity_facts,
+    ),
+    Profile(
+        "weights", "weights-1", ".png", f"weights.{_FRAME_FIRST}", 3.0,
+        writers.write_weights, writers.weight_facts, drawn=False, posed=True,
+    ),
+    Profile(
+        "mip", "mip-1", ".exr", f"mip.{_UDIM_FIRST}", _MIPMAPPED,
+        writers.write_mipmapped, writers.plain_facts, described=False, tiled=True,
+    ),
+    Profile(
+        "tx", "tx-1", ".tx", _UDIM_FIRST, _MIPMAPPED,
+        writers.write_mipmapped, writers.plain_facts, described=False, tiled=True,
+    ),
+)  # fmt: skip
+PROFILES: Mapping[str, Profile] = {profile.name: profile for profile in _ALL}
+
+
+def profiles_of(names: list[str]) -> tuple[Profile, ...]:
+    """The profiles of these names, each once, in the order of the table.
+
+    Raises QueryError for an unknown name and where two would write the same files, InputError where
+    a library is missing.
+    """
+    for name in names:
+        if name not in PROFILES:
+            raise QueryError(f"profile {name!r:.40}: one of {', '.join(PROFILES)}")
+    found = tuple(profile for profile in _ALL if profile.name in names)
+    patterns = [profile.pattern("NAME") for profile in found]
+    for number, pattern in enumerate(patterns):
+        if (first := patterns.index(pattern)) != number:
+            both = f"{found[first].name} and {found[number].name}"
+            raise QueryError(
+                f"profiles {both} have the same file names: bake them into two folders"
+            )
+    for profile in found:
+        profile.check()
+    return found

@@ -1,1 +1,0 @@
-"""Texture files of displacement for the programs that read them: profiles of `rhytid bake`."""

@@ -1,0 +1,100 @@
+"""Subdivided surfaces that are moved by maps, against what they must be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from meshes import SmallMesh, deform
+from rhytid.domain.mesh import Mesh
+from rhytid.errors import LimitError
+from rhytid.exports.displaced import Subdivided, sampled
+from rhytid.exports.meshes import flat_mesh
+
+
+def test_without_height_the_surface_stays(small_mesh: SmallMesh) -> None:
+    mesh = Mesh(*small_mesh)
+    frame = deform(mesh.positions, 3)
+    for levels in (0, 1, 3):
+        cut = Subdivided.of(mesh, levels)
+        found = cut.moved(frame, {1001: np.zeros((8, 8), np.float32)})
+        assert len(found.faces) == 200 * 4**levels
+        assert np.array_equal(found.positions[: len(frame)], frame)
+        corners = found.positions[found.faces].astype(np.float64)
+        area = np.linalg.norm(np.cross(*np.diff(corners, axis=1).swapaxes(0, 1)), axis=1).sum()
+        whole = frame[mesh.faces].astype(np.float64)
+        wanted = np.linalg.norm(np.cross(*np.diff(whole, axis=1).swapaxes(0, 1)), axis=1).sum()
+        assert area == pytest.approx(wanted, rel=1e-5)
+        # Each triangle in its place in UV, too, and turned as it was.
+        first = found.uv[found.faces[: 4**levels]].mean(axis=(0, 1))
+        assert first == pytest.approx(mesh.triangle_uv()[0].mean(axis=0))
+
+
+def test_a_flat_sheet_rises_by_its_map() -> None:
+    """Heights that are linear in UV come out exactly, at old vertices and at new ones."""
+    uv = np.array([[0.1, 0.1], [0.9, 0.1], [0.9, 0.9], [0.1, 0.9]])
+    points = np.pad(uv * 10, ((0, 0), (0, 1)))
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    cut = Subdivided.of(Mesh(points, faces, uv, faces), 4)
+    column, row = np.meshgrid((np.arange(64) + 0.5) / 64, 1 - (np.arange(64) + 0.5) / 64)
+    found = cut.moved(points.astype(np.float32), {1001: 0.5 * column + 2 * row})
+
+    wanted = 0.5 * found.uv[:, 0] + 2 * found.uv[:, 1]
+    assert found.positions[:, 2] == pytest.approx(wanted, abs=1e-5)
+    assert found.positions[:, :2] == pytest.approx(found.uv * 10, abs=1e-5)
+
+
+def test_seams_stay_closed(small_mesh: SmallMesh) -> None:
+    """Both sides of the seam read other places of a map of noise."""
+    mesh = Mesh(*small_mesh)
+    cut = Subdivided.of(mesh, 2)
+    noise = np.random.default_rng(0).normal(0, 0.02, (256, 256))
+    still, moved = (cut.moved(mesh.positions, {1001: one}) for one in (0 * noise, noise))
+
+    _, place = np.unique(still.positions, axis=0, return_inverse=True)
+    place = place.reshape(-1)
+    assert np.bincount(place).max() == 2
+    order = np.argsort(place, kind="stable")
+    same = np.flatnonzero(np.diff(place[order]) == 0)
+    assert len(same) == 10 * 4 + 1
+    assert np.array_equal(moved.positions[order[same]], moved.positions[order[same + 1]])
+    assert np.abs(moved.positions - still.positions).max() > 0.02
+
+
+def test_seams_of_vertices_that_came_split_stay_closed(small_mesh: SmallMesh) -> None:
+    """As GLB and PLY have them; with a frame that bends the seam."""
+    whole = flat_mesh(Mesh(*small_mesh))
+    mesh = Mesh(whole.positions, whole.faces, whole.uv, whole.faces)
+    assert len(mesh.positions) == 132
+    frame = deform(mesh.positions, 5)
+    noise = np.random.default_rng(0).normal(0, 0.02, (256, 256))
+    cut = Subdivided.of(mesh, 1)
+    moved, still = (cut.moved(frame, {1001: one}).positions for one in (noise, 0 * noise))
+
+    one, two = (len(np.unique(found, axis=0)) for found in (moved, still))
+    assert one == two == len(moved) - 21
+
+
+def test_vertices_on_the_border_of_udims_take_their_own_map() -> None:
+    """Two squares side by side in space, each filling a UDIM."""
+    square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    uv = np.concatenate([square, square + np.array([1, 0])])
+    points = np.pad(uv + np.repeat([[0, 0], [1, 0]], 4, axis=0), ((0, 0), (0, 1)))
+    faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+    maps = {1001: np.full((4, 4), 1.0), 1002: np.full((4, 4), 2.0)}
+    found = Subdivided.of(Mesh(points, faces, uv, faces), 1).moved(points.astype(np.float32), maps)
+
+    assert found.positions[:, 2] == pytest.approx(np.where(found.positions[:, 0] < 1.5, 1.0, 2.0))
+
+
+def test_samples_go_on_beyond_the_outermost_texels() -> None:
+    heights = np.array([[1.0, 2.0], [3.0, 4.0]])
+    uv = np.array([[0, 1], [1, 1], [0, 0], [1, 0], [0.5, 0.5], [0.25, 0.5]], np.float64)
+
+    assert sampled(heights, uv) == pytest.approx([1, 2, 3, 4, 2.5, 2])
+    assert sampled(np.array([[7.0]]), uv) == pytest.approx([7.0] * 6)
+
+
+def test_too_many_triangles_are_refused(small_mesh: SmallMesh) -> None:
+    with pytest.raises(LimitError, match="200 triangles cut 9 times are 52428800"):
+        Subdivided.of(Mesh(*small_mesh), 9)

@@ -1,0 +1,337 @@
+"""Files of every profile, read back by OpenImageIO."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from exports.textures.patches import all_triangles, curved, grid_mesh
+from exports.textures.reading import Texture, read_texture
+from rhytid.cli.bake_output import BakeSize, Output
+from rhytid.domain.mesh import Mesh
+from rhytid.errors import InputError, QueryError
+from rhytid.exports.textures import PROFILE_NAMES, writers
+from rhytid.exports.textures.frame_map import Chart, FrameMap, Padding
+from rhytid.exports.textures.profiles import PROFILES, profiles_of
+from rhytid.exports.textures.tangents import Posed
+from rhytid.formats.tile_header import TileHeader
+
+SIDE, DEPTH, SCALE, PADDED = 128, 0.01, 0.04, 8
+HEADER = TileHeader("cm", "0007", "a1b2", "redraw", "tensor", "nearest", 1002, 0, 0, 0, SCALE)
+MESH = grid_mesh(curved, 4)
+HEIGHTS = np.random.default_rng(3).uniform(-0.03, 0.02, (SIDE, SIDE)).astype(np.float32)
+WEIGHTS = np.random.default_rng(4).uniform(0, 1, (len(MESH.faces), 3, 2))
+
+
+@pytest.fixture(scope="module")
+def drawn() -> FrameMap:
+    return frame_map(MESH, all_triangles(MESH, SIDE))
+
+
+def frame_map(mesh: Mesh, triangles: NDArray[np.int32]) -> FrameMap:
+    """HEIGHTS on a mesh, whose texels show these triangles."""
+    chart = Chart.of(mesh, 1001, triangles)
+    padding = Padding.of(mesh, 1001, triangles, PADDED)
+    posed = Posed.of(mesh, mesh.positions)
+    found = lambda: padding, lambda: chart, lambda: posed, lambda: WEIGHTS
+    return FrameMap(HEADER, DEPTH, lambda: HEIGHTS, *found)
+
+
+def written(name: str, drawn: FrameMap, folder: Path, level: int = 0) -> Texture:
+    profile = PROFILES[name]
+    file = folder / profile.file_name("face", 1002, "0007")
+    profile.write(file, drawn, profile.all_facts(drawn))
+    assert [left.name for left in folder.iterdir()] == [file.name]
+    return read_texture(file, level)
+
+
+def number(texture: Texture, name: str) -> float:
+    return float(texture.attributes[name])
+
+
+@pytest.mark.parametrize("name", PROFILE_NAMES)
+def test_every_file_says_what_it_is(name: str, drawn: FrameMap, tmp_path: Path) -> None:
+    found = written(name, drawn, tmp_path)
+
+    told = {
+        key: str(found.attributes[key]) for key in ("unit", "frame", "asset", "udim", "profile")
+    }
+    assert told == {
+        "unit": "cm", "frame": "0007", "asset": "a1b2", "udim": "1002", "profile": name,
+    }  # fmt: skip
+    assert found.attributes["rhytid_version"] == "0.1.0"
+    assert found.attributes["colour_space"] == "raw"
+    assert {"scale", "midlevel"} <= set(found.attributes)
+    assert number(found, "minimum") < number(found, "maximum")
+
+
+@pytest.mark.parametrize(("name", "kind"), [("float", np.float32), ("half", np.float16)])
+def test_floats_are_displacement_itself(
+    name: str, kind: Any, drawn: FrameMap, tmp_path: Path
+) -> None:
+    found = written(name, drawn, tmp_path)
+
+    assert found.channels == ("Y",)
+    np.testing.assert_array_equal(found.texels[..., 0], HEIGHTS.astype(kind), strict=True)
+    assert found.attributes["oiio:ColorSpace"] == "data"
+    assert number(found, "minimum") == HEIGHTS.astype(kind).min()
+
+
+@pytest.mark.parametrize("name", ["mip", "tx"])
+def test_tiled_files_have_every_level_as_means(name: str, drawn: FrameMap, tmp_path: Path) -> None:
+    found = written(name, drawn, tmp_path)
+
+    assert found.channels == ("Y",)
+    assert found.levels == [(SIDE >> level, 64) for level in range(8)]
+    file = next(tmp_path.iterdir())
+    for level in range(8):
+        blocks = HEIGHTS.astype(np.float64).reshape(SIDE >> level, 1 << level, SIDE >> level, -1)
+        wanted = blocks.mean(axis=(1, 3))
+        texels = read_texture(file, level).texels[..., 0]
+        np.testing.assert_allclose(texels, wanted, rtol=0, atol=1e-8)
+    np.testing.assert_array_equal(found.texels[..., 0], HEIGHTS)
+    assert found.attributes["textureformat"] == "Plain Texture"
+
+
+def test_png16_gives_displacement_back(drawn: FrameMap, tmp_path: Path) -> None:
+    found = written("png16", drawn, tmp_path)
+
+    # OpenImageIO takes a PNG file that says nothing for sRGB.
+    assert found.attributes["oiio:ColorSpace"].startswith("lin_")
+    assert found.texels.dtype == np.uint16
+    codes = found.texels[..., 0].astype(np.float64)
+    heights = (codes - 32768) / 32767 * number(found, "scale")
+    assert np.abs(heights - HEIGHTS).max() <= SCALE / 32767 / 2 * 1.001
+    # What a program does that has 0 to 1 for black to white.
+    shown = (codes / 65535 - number(found, "midlevel")) * number(found, "range")
+    assert np.abs(shown - HEIGHTS).max() <= SCALE / 32767 / 2 * 1.001
+
+
+def test_normals_of_both_kinds_differ_in_green_alone(drawn: FrameMap, tmp_path: Path) -> None:
+    for name in ("gl", "dx"):
+        (tmp_path / name).mkdir()
+    gl = written("normal-gl", drawn, tmp_path / "gl").texels.astype(np.int64)
+    dx = written("normal-dx", drawn, tmp_path / "dx").texels.astype(np.int64)
+
+    np.testing.assert_array_equal(gl[..., ::2], dx[..., ::2])
+    assert np.abs(gl[..., 1] + dx[..., 1] - 65535).max() <= 1
+    assert np.ptp(gl[..., 1]) > 1000
+    length = np.linalg.norm(gl / 65535 * 2 - 1, axis=-1)
+    np.testing.assert_allclose(length, 1.0, atol=4e-5)
+
+
+def test_green_is_up_in_gl(drawn: FrameMap, tmp_path: Path) -> None:
+    """Where the surface rises with v, its normal leans to smaller v: green below the middle."""
+    rising = np.linspace(0.3, 0.0, SIDE, dtype=np.float32)[:, None].repeat(SIDE, 1)
+    flat = replace(drawn, heights=lambda: rising)
+    found = written("normal-gl", flat, tmp_path)
+
+    assert (found.texels[..., 1] < 32000).all()
+
+
+def test_cavity_is_what_lies_below_its_surroundings(drawn: FrameMap, tmp_path: Path) -> None:
+    heights = np.full((SIDE, SIDE), -0.5, np.float32)
+    heights[40, 40] = -0.5 - 0.5 * DEPTH
+    heights[80, 80] = -0.5 - 5 * DEPTH
+    heights[100, 20] = -0.5 + 5 * DEPTH
+    dented = replace(drawn, heights=lambda: heights)
+
+    found = written("cavity", dented, tmp_path)
+
+    texels = found.texels[..., 0]
+    assert texels.dtype == np.uint8
+    # Of a square of 3 x 3, one ninth of what is looked for is in the mean.
+    assert texels[40, 40] == round(255 * (1 - 0.5 * 8 / 9))
+    assert (texels[80, 80], texels[100, 20], texels[10, 10]) == (0, 255, 255)
+    assert number(found, "scale") == DEPTH
+
+
+def test_weights_are_those_of_the_corners(drawn: FrameMap, tmp_path: Path) -> None:
+    found = written("weights", drawn, tmp_path)
+
+    assert found.texels.dtype == np.uint8
+    assert (found.texels[..., 2] == 0).all()
+    triangles = drawn.chart().triangles
+    low, high = WEIGHTS.min(axis=1)[triangles], WEIGHTS.max(axis=1)[triangles]
+    shown = found.texels[..., :2] / 255
+    assert ((shown > low - 0.003) & (shown < high + 0.003)).all()
+    assert number(found, "scale") == np.log(2)
+
+
+def test_png_has_its_facts_in_a_file_beside_it(drawn: FrameMap, tmp_path: Path) -> None:
+    output = Output(tmp_path, "face", profiles_of(["png16", "float", "normal-dx"]))
+    output.describe(drawn)
+
+    assert {file.name for file in tmp_path.iterdir()} == {"face.png16.json", "face.normal-dx.json"}
+    told = json.loads((tmp_path / "face.png16.json").read_text())
+    assert told["files"] == "face.png16.<UDIM>.<FRAME>.png"
+    assert (told["scale"], told["midlevel"], told["unit"]) == (SCALE, 32768 / 65535, "cm")
+    assert json.loads((tmp_path / "face.normal-dx.json").read_text())["green"] == "down"
+
+
+def test_names_are_those_of_the_table() -> None:
+    assert tuple(PROFILES) == PROFILE_NAMES
+    names = {name: PROFILES[name].file_name("n", 1002, "0007") for name in PROFILE_NAMES}
+    assert names["float"] == names["half"] == "n.1002.0007.exr"
+    assert names["tx"] == "n.1002.0007.tx"
+    assert names["normal-gl"] == "n.normal-gl.1002.0007.png"
+    assert names["weights"] == "n.weights.0007.1002.png"
+    assert len(set(names.values())) == len(names) - 1
+
+
+def test_profiles_that_cannot_be_written_together_or_at_all(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with pytest.raises(QueryError, match="float and half have the same file names"):
+        profiles_of(["half", "float"])
+    with pytest.raises(QueryError, match="one of float, half"):
+        profiles_of(["jpeg"])
+
+    def absent(name: str) -> Any:
+        raise ImportError(name)
+
+    monkeypatch.setattr(writers.importlib, "import_module", absent)
+    assert profiles_of(["float", "weights"])
+    with pytest.raises(InputError, match=r"in a clone of rhytid: pip install '\.\[tx\]'"):
+        profiles_of(["tx"])
+
+
+@pytest.mark.parametrize("name", PROFILE_NAMES)
+def test_files_are_no_larger_than_told(name: str, drawn: FrameMap, tmp_path: Path) -> None:
+    """But for their headers."""
+    written(name, drawn, tmp_path)
+    size = BakeSize.of(profiles_of([name]), SIDE, udims=2, frames=3)
+
+    assert size.all == 3 * size.frame
+    assert next(tmp_path.iterdir()).stat().st_size <= size.frame / 2 + 4096
+
+
+def test_size_in_words() -> None:
+    size = BakeSize.of(profiles_of(["float", "png16"]), 4096, udims=2, frames=50)
+    assert size.text() == (
+        "maps: up to 201 MB per frame, 10.1 GB for 50 frames, before compression"
+    )
+
+
+def test_beyond_the_padding_nothing_is_dark(tmp_path: Path, drawn: FrameMap) -> None:
+    """Half of a map shows no triangle: it is flat, white, and weighted as the nearest texel that
+    does."""
+    triangles = all_triangles(MESH, SIDE)
+    triangles[:, SIDE // 2 :] = len(MESH.faces)
+    part = frame_map(MESH, triangles)
+    texels: dict[str, NDArray[Any]] = {}
+    for name in ("normal-gl", "cavity", "weights"):
+        (tmp_path / name).mkdir()
+        texels[name] = written(name, part, tmp_path / name).texels
+
+    beyond = np.s_[:, SIDE // 2 :]
+    assert (texels["normal-gl"][beyond] == [32768, 32768, 65535]).all()
+    assert (texels["cavity"][beyond] == 255).all()
+    assert texels["weights"][beyond][..., :2].min() > 0
+
+
+def third() -> tuple[FrameMap, int]:
+    """A map whose first columns alone are inside, and the last of them; padding follows."""
+    uv = MESH.uv * (1 / 3, 1.0)
+    mesh = Mesh(MESH.positions, MESH.faces, uv, MESH.face_uv)
+    triangles = all_triangles(mesh, SIDE)
+    last = int(np.flatnonzero((triangles < len(mesh.faces)).all(axis=0)).max())
+    triangles[:, last + 1 : last + 1 + PADDED] = triangles[:, last, None]
+    part = frame_map(mesh, triangles)
+    inside = part.chart().inside
+    assert inside[:, : last + 1].all()
+    assert not inside[:, last + 1 :].any()
+    return part, last
+
+
+@pytest.mark.parametrize("name", ["float", "half", "png16", "mip", "tx"])
+def test_displacement_is_padded_in_every_profile(name: str, tmp_path: Path) -> None:
+    """Within the padding it is what the nearest column inside has."""
+    part, last = third()
+    texels = written(name, part, tmp_path).texels[..., 0].astype(np.float64)
+    heights = (texels - 32768) / 32767 * SCALE if name == "png16" else texels
+
+    edge = HEIGHTS[:, last, None]
+    within = heights[:, last + 1 : last + 1 + PADDED]
+    assert np.abs(within - edge).max() < 2e-5
+    np.testing.assert_allclose(heights[:, : last + 1], HEIGHTS[:, : last + 1], atol=2e-5)
+    if name in ("float", "half"):
+        beyond = np.s_[:, last + 1 + PADDED :]
+        np.testing.assert_allclose(heights[beyond], HEIGHTS[beyond], atol=2e-5)
+
+
+def test_padding_is_found_in_parts_of_a_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same texels, whatever the number of rows that are searched at once."""
+    mesh = grid_mesh(curved, 3)
+    slanting = np.array([[0.5, 0.2], [-0.2, 0.5]])
+    mesh = Mesh(mesh.positions, mesh.faces, mesh.uv @ slanting + (0.25, 0.2), mesh.face_uv)
+    triangles = all_triangles(mesh, SIDE)
+    shown = triangles < len(mesh.faces)
+    near = ndimage.distance_transform_edt(~shown, return_indices=True)
+    padded = np.where(near[0] <= PADDED, triangles[tuple(near[1])], len(mesh.faces))
+    whole = Padding.of(mesh, 1001, padded.astype(np.int32), PADDED)
+    monkeypatch.setattr("rhytid.exports.textures.frame_map._ROWS", 10)
+    parts = Padding.of(mesh, 1001, padded.astype(np.int32), PADDED)
+
+    assert len(whole.texels) == ((near[0] > 0) & (near[0] <= PADDED)).sum() > 500
+    np.testing.assert_array_equal(whole.texels, parts.texels)
+    for found in (whole, parts):
+        away = [np.stack(np.divmod(n, SIDE)) for n in (found.texels, found.sources)]
+        np.testing.assert_allclose(
+            np.hypot(*(away[0] - away[1])), near[0].reshape(-1)[found.texels], atol=1e-12
+        )
+
+
+def test_displacement_goes_on_outside_of_islands(tmp_path: Path) -> None:
+    """Two thirds of a map are outside, padding or not, and have what the nearest column inside has,
+    in every level; the same in normals and cavity within the padding."""
+    part, last = third()
+    within = np.s_[:, last + 1 : last + 1 + PADDED]
+
+    padded = HEIGHTS.copy()
+    padded[:, last + 1 :] = HEIGHTS[:, last, None]
+    for level in (0, 3):
+        texels = part_of("mip", part, tmp_path, level)
+        side = SIDE >> level
+        wanted = padded.astype(np.float64).reshape(side, 1 << level, side, -1).mean(axis=(1, 3))
+        np.testing.assert_allclose(texels[..., 0], wanted, rtol=0, atol=1e-8)
+    codes = part_of("png16", part, tmp_path)[..., 0].astype(np.float64)
+    assert np.abs((codes - 32768) / 32767 * SCALE - padded).max() < SCALE / 60000
+    for name in ("normal-gl", "cavity"):
+        texels = part_of(name, part, tmp_path)
+        edge = texels[:, last, None]
+        assert (texels[within] == edge).all()
+        assert np.ptp(edge) > 100
+        assert (texels[:, last + 1 + PADDED :] == texels[0, -1]).all()
+
+
+def part_of(name: str, drawn: FrameMap, folder: Path, level: int = 0) -> NDArray[Any]:
+    """Texels of a file in a folder of its own."""
+    own = folder / f"{name}{level}"
+    own.mkdir()
+    return written(name, drawn, own, level).texels
+
+
+def test_a_first_triangle_without_area_in_uv_takes_part_in_nothing() -> None:
+    flat = np.zeros((1, 3), MESH.face_uv.dtype)
+    mesh = Mesh(
+        MESH.positions,
+        np.concatenate([MESH.faces[:1], MESH.faces]),
+        MESH.uv,
+        np.concatenate([flat, MESH.face_uv]),
+    )
+    shown = all_triangles(MESH, SIDE)
+    texels = np.where(shown < len(MESH.faces), shown + 1, len(mesh.faces)).astype(np.int32)
+
+    found = Padding.of(mesh, 1001, texels, PADDED)
+
+    wanted = Padding.of(MESH, 1001, shown, PADDED)
+    np.testing.assert_array_equal(found.texels, wanted.texels)
+    np.testing.assert_array_equal(found.sources, wanted.sources)
