@@ -43,7 +43,7 @@ from reference import bends, redraw
 from reference.drawing import Pores, Wrinkles
 from reference.inputs import Shape
 from reference.response import on_surface, scales, wrinkle_stretch
-from rhytid.cli.input_files import graph_file, mesh_file
+from rhytid.baking.input_files import graph_file, mesh_file
 from rhytid.domain.asset_settings import ResponseSettings, ShapeSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
@@ -12,9 +11,8 @@ from hypothesis import strategies as st
 
 from cli.fake_baking import FakeEngine
 from cli.test_cli_resume import bake, baker, maps
-from rhytid.cli.bake_output import Output
-from rhytid.cli.frame_files import FramePlace
-from rhytid.cli.frame_range import FrameRange, frame_numbers
+from rhytid.baking.frame_names import FramePlace, FrameRange, frame_numbers
+from rhytid.baking.output import Output
 from rhytid.errors import InputError
 
 VALUES = [0.5, 0.25, 0.75, 0.125]
@@ -41,7 +39,7 @@ def test_a_range_names_its_frames(text: str, numbers: list[int]) -> None:
 
 @pytest.mark.parametrize("text", ["", "a", "1-", "1,,2", "4-1", "1-9:0", "1:2", "1-99999999"])
 def test_what_is_no_range_is_refused(text: str) -> None:
-    with pytest.raises(argparse.ArgumentTypeError, match=r"range|frames"):
+    with pytest.raises(InputError, match=r"range|frames"):
         FrameRange.parse(text)
 
 
@@ -138,7 +136,7 @@ def test_a_part_reads_the_records_that_concern_it(
         read.append(path.name)
         return {}
 
-    monkeypatch.setattr("rhytid.cli.bake_record._load", load)
+    monkeypatch.setattr("rhytid.baking.output._load", load)
     Output(tmp_path, "face", part=FrameRange.parse("11-20")).record("device")
     wanted = ["", ".11-20", ".5-15", ".h0123456789abcdef"]
     assert sorted(set(read)) == sorted(f"face.bake{text}.json" for text in wanted)

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from cli.running import write_animation
 from meshes import SmallMesh, deform
-from rhytid.cli.frame_files import FrameFiles, frame_labels
+from rhytid.baking.frame_names import frame_labels
+from rhytid.baking.frames import FrameFiles
 from rhytid.domain.frame import frame_label
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import FrameError

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from cli.fake_baking import ASSET, FakeEngine
-from rhytid.cli.bake_output import Output
-from rhytid.cli.bake_record import BakeRecord
-from rhytid.cli.baking import Baker
-from rhytid.cli.frame_files import FrameFiles
-from rhytid.cli.frame_range import FrameRange
-from rhytid.cli.timing import Stopwatch
-from rhytid.cli.warned import Warned
+from rhytid.baking.baker import Baker
+from rhytid.baking.frame_names import FrameRange
+from rhytid.baking.frames import FrameFiles
+from rhytid.baking.output import BakeRecord, Output
+from rhytid.baking.run_warnings import RunWarnings
+from rhytid.console import Stopwatch
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import StorageError, StrictError
@@ -42,7 +41,14 @@ def baker(engine: FakeEngine, folder: Path, values: list[float], **changes: Any)
     query = MapQuery(**{key: changes[key] for key in QUERY if key in changes})
     files = FrameFiles(MeshFile(SQUARE, frames), [])
     return Baker(
-        cast("Any", engine), ASSET, SQUARE, query, files, output, Stopwatch(), Warned("bake", False)
+        cast("Any", engine),
+        ASSET,
+        SQUARE,
+        query,
+        files,
+        output,
+        Stopwatch(),
+        RunWarnings("bake", False),
     )
 
 
@@ -218,6 +224,6 @@ def test_mixed_devices_are_an_error_where_strict(engine: FakeEngine, tmp_path: P
     bake(engine, tmp_path, [0.5, 0.25], part="1")
     engine.revision = 1
     second = baker(engine, tmp_path, [0.5, 0.25], part="2")
-    second.warned = Warned("bake", True)
+    second.warned = RunWarnings("bake", True)
     with pytest.raises(StrictError, match="devices-mixed"):
         second.run()

@@ -9,9 +9,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
+from rhytid.baking.farm.chunks import Chunk
 from rhytid.errors import FrameError, InputError, NoDeviceError, StorageError
-from rhytid.farm.chunks import Chunk
+
+if TYPE_CHECKING:
+    from rhytid.baking.farm.bake_session import WorkerJob
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,10 @@ class FakeJob:
     apart: bool = False
     full: tuple[int, ...] = ()
 
+    def session(self, folder: Path) -> FakeSession:
+        """As that of a WorkerJob."""
+        return FakeSession(self, folder)
+
     def begin(self, number: int) -> int:
         """Note that a frame is begun; returns how often it was before."""
         before = len(self.begun(number))
@@ -42,6 +50,11 @@ class FakeJob:
     def begun(self, number: int) -> list[str]:
         """The processes that began a frame."""
         return [file.name.split("-")[2] for file in self.log.glob(f"{number}-*")]
+
+
+def fake(job: FakeJob) -> WorkerJob:
+    """The job, for what takes those of bakes."""
+    return cast("WorkerJob", job)
 
 
 class FakeSession:

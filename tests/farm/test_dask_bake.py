@@ -17,9 +17,9 @@ import pytest
 
 from cli.running import only_asset, usage_error, write_animation
 from meshes import bumpy_grid, deform
+from rhytid.baking.farm import dask_cluster
+from rhytid.baking.farm.dask_cluster import Cluster, local_cluster
 from rhytid.cli import main
-from rhytid.farm import dask_cluster
-from rhytid.farm.dask_cluster import Cluster, local_cluster
 from storage.leftovers import left_by_a_killed_writer
 
 SMALL = ("--resolution", "256", "--wrinkles", "400")

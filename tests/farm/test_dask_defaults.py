@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from rhytid.cli import bake_cluster
-from rhytid.cli.bake_cluster import worker_devices
-from rhytid.cli.dask_bake import chunk_size
+from rhytid.baking.farm import dask_bake
+from rhytid.baking.farm.dask_bake import chunk_size, worker_devices
+from rhytid.baking.request import BakeRequest
+from rhytid.cli.options import service_settings
+from rhytid.engine.messages import MapQuery
 
 
 @pytest.mark.parametrize(
@@ -39,10 +41,18 @@ def test_processes_here_have_the_device_that_is_named_or_one_each(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     found = [SimpleNamespace(index=index, kind="gpu") for index in range(gpus)]
-    monkeypatch.setattr(bake_cluster, "candidates", lambda: found)
+    monkeypatch.setattr(dask_bake, "candidates", lambda: found)
     monkeypatch.delenv("RHYTID_DEVICE", raising=False)
     if variable is not None:
         monkeypatch.setenv("RHYTID_DEVICE", variable)
-    arguments = Namespace(device=option, dask_workers=count)
+    request = BakeRequest(
+        mesh=Path("face.obj"),
+        out=Path("maps"),
+        profiles=(),
+        query=MapQuery(),
+        service=service_settings(None, option, None),
+        dask="local",
+        dask_workers=count,
+    )
 
-    assert worker_devices(arguments) == devices
+    assert worker_devices(request) == devices

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from meshes import bumpy_grid
+from rhytid.baking.farm.bake_session import SharedFile, WorkerJob, mesh_digest
 from rhytid.build_identity import drawing_version
-from rhytid.cli.dask_job import SharedFile, WorkerJob, mesh_digest
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import InputError

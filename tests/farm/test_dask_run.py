@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
 import dask
 import pytest
 
-from farm.fake_session import FakeJob, FakeSession
+from farm.fake_session import FakeJob, fake
+from rhytid.baking.farm.chunks import (
+    Chunk,
+    ChunkDone,
+    Event,
+    FrameDone,
+    Unable,
+    WorkerLost,
+    of_worker,
+)
+from rhytid.baking.farm.dask_cluster import Cluster, local_cluster, running_cluster
+from rhytid.baking.farm.dask_run import DaskRun, Workers
 from rhytid.errors import FarmError, FrameError, InputError, StorageError
-from rhytid.farm.chunks import Chunk, ChunkDone, Event, FrameDone, Unable, WorkerLost, of_worker
-from rhytid.farm.dask_cluster import Cluster, local_cluster, running_cluster
-from rhytid.farm.dask_run import DaskRun
-from rhytid.farm.roster import Roster
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +65,7 @@ def chunks(frames: int, each: int) -> list[Chunk]:
 
 
 def run(cluster: Cluster, job: FakeJob, frames: int = 8, each: int = 2) -> list[Event]:
-    with DaskRun(cluster, partial(FakeSession, job)) as running:
+    with DaskRun(cluster, fake(job)) as running:
         return [*running.bake(chunks(frames, each))]
 
 
@@ -87,7 +93,7 @@ def test_nothing_is_registered_at_the_scheduler(cluster: Cluster, tmp_path: Path
     """A client that is killed would leave it there, for every worker that comes."""
     before = set(cluster.client.scheduler_of_test.worker_plugins)
 
-    with DaskRun(cluster, partial(FakeSession, FakeJob(tmp_path))) as running:
+    with DaskRun(cluster, fake(FakeJob(tmp_path))) as running:
         assert [*running.bake(chunks(2, 1))]
         assert set(cluster.client.scheduler_of_test.worker_plugins) == before
 
@@ -159,14 +165,14 @@ def test_a_worker_that_cannot_bake_is_put_aside(cluster: Cluster, tmp_path: Path
     both(cluster)
     job = FakeJob(tmp_path, apart=True)
 
-    with DaskRun(cluster, partial(FakeSession, job)) as running:
+    with DaskRun(cluster, fake(job)) as running:
         events = [*running.bake(chunks(40, 1))]
 
     assert len(told(events)) == 40
     [unable] = [event for event in events if isinstance(event, Unable)]
     assert str(unable.error) == f"worker {unable.worker}: no OpenCL device matches 'gpu'"
     assert unable.worker not in {e.worker for e in events if isinstance(e, FrameDone)}
-    assert len(running.took) == 1 < len(running.roster.workers)
+    assert len(running.used) == 1 < len(running.workers.seen)
     assert len([*tmp_path.glob("tried-*")]) == 2, "each has tried, and once"
 
 
@@ -216,7 +222,7 @@ class Without:
     [(3, "of its 3 none announces the resource opencl"), (0, "it has none")],
 )
 def test_a_cluster_that_cannot_bake_is_told(workers: int, reason: str) -> None:
-    waiting = Roster(cast("Any", Without(workers)), patience=0.2)
+    waiting = Workers(cast("Any", Without(workers)), patience=0.2)
     start = time.monotonic()
 
     with pytest.raises(FarmError, match=f"^no worker of tcp://farm:8786 can bake, {reason}"):

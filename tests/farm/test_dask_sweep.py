@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from argparse import Namespace
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,12 +11,15 @@ from uuid import uuid4
 
 import pytest
 
-from rhytid.cli import dask_bake
-from rhytid.cli.bake_output import Output
-from rhytid.cli.dask_bake import DaskBake
-from rhytid.cli.frame_files import FramePlace
+from rhytid.baking.farm import dask_bake
+from rhytid.baking.farm.dask_bake import DaskBake
+from rhytid.baking.frame_names import FramePlace
+from rhytid.baking.output import Output
+from rhytid.baking.request import BakeRequest
 from rhytid.durable import sweep
+from rhytid.engine.messages import MapQuery
 from rhytid.errors import StorageError
+from rhytid.settings import ServiceSettings
 from rhytid.textures.profiles import profiles_of
 from storage.leftovers import left_by_a_killed_writer
 
@@ -46,13 +48,21 @@ def without_a_cluster(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def bake(out: Path, dask: str = "tcp://farm:8786") -> Undrawn:
     """A bake of frames 1001 to 1004, with surfaces."""
-    arguments = Namespace(out=out, dask=dask, geometry="glb")
+    request = BakeRequest(
+        mesh=Path("face.obj"),
+        out=out,
+        profiles=PROFILES,
+        query=MapQuery(),
+        service=ServiceSettings(),
+        dask=dask,
+        geometry="glb",
+    )
     frames = SimpleNamespace(places=[FramePlace(str(n), None, n) for n in range(1001, 1005)])
     output = Output(out, "face", PROFILES)
     asset = SimpleNamespace(udims=(1001, 1002))
     baker = SimpleNamespace(frames=frames, output=output, asset=asset)
     given = SimpleNamespace(part=None, name="face")
-    return Undrawn(arguments, cast("Any", given), cast("Any", baker))
+    return Undrawn(request, cast("Any", given), cast("Any", baker))
 
 
 def unfinished(out: Path, file: str) -> Path:

@@ -11,10 +11,11 @@ from typing import Any, cast
 
 import pytest
 
-from farm.fake_session import FakeJob, FakeSession
+from farm.fake_session import FakeJob, fake
+from rhytid.baking.farm.bake_session import packed
+from rhytid.baking.farm.chunks import Chunk
+from rhytid.baking.farm.dask_worker import IDLE, HeldSession
 from rhytid.errors import CancelledError, StorageError
-from rhytid.farm.chunks import Chunk, packed
-from rhytid.farm.dask_worker import IDLE, HeldSession
 
 Bake = Callable[[Chunk], Any]
 
@@ -36,7 +37,7 @@ def begun(folder: Path, job: FakeJob, idle: float = IDLE) -> tuple[Bake, HeldSes
     """What bakes a chunk, the session that it uses, and its worker."""
     worker = FakeWorker(folder)
     held = HeldSession("run", cast("Any", worker), idle)
-    return partial(held.bake, packed(partial(FakeSession, job))), held, worker
+    return partial(held.bake, packed(fake(job))), held, worker
 
 
 def closed(folder: Path) -> bool:

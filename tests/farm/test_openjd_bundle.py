@@ -10,13 +10,12 @@ from openjd.model import decode_job_template
 
 from farm.bundles import SMALL, bake, template, values, write_shot
 from meshes import SmallMesh
+from rhytid.baking.farm.openjd_bundle import BakeJob, JobBundle
+from rhytid.baking.frame_names import FramePlace
+from rhytid.baking.frames import frames_list, read_frames_list
 from rhytid.cli import main
-from rhytid.cli.frame_files import FramePlace
-from rhytid.cli.frames_list import frames_list, read_frames_list
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import InputError, LimitError, SettingsError
-from rhytid.farm.job_bundle import JobBundle
-from rhytid.farm.job_template import BakeJob
 
 JOB = BakeJob("a" * 16, "face", "1-4", 2, "redraw", ["redraw"], 256, False)
 

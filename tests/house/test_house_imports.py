@@ -47,10 +47,22 @@ ALLOWED = {
     | {"access", "api", "decoding", "engine", "engine_process", "logs", "settings", "storage"},
     "api": _TOOLS
     | {"access", "decoding", "engine", "engine_process", "logs", "settings", "meshes"},
-    "farm": _FACTS | {"device", "durable"},
+    "console": {"durable", "errors"},
+    "baking": _TOOLS
+    | {"console", "engine", "meshes", "settings", "storage", "synthesis", "textures"},
     "cli": _TOOLS
     | _WORK
-    | {"access", "engine", "engine_process", "logs", "settings", "api", "fleet", "farm"}
+    | {
+        "access",
+        "engine",
+        "engine_process",
+        "logs",
+        "settings",
+        "api",
+        "fleet",
+        "baking",
+        "console",
+    }
     | {"pictures", "meshes", "textures", "skin_package"},
 }
 # The only parts that may import a package from outside; other packages are free.
@@ -58,13 +70,13 @@ ONLY_IN = {
     "pyopencl": {"device"},
     "fastapi": {"api"},
     "starlette": {"api"},
-    "uvicorn": {"cli"},
+    "uvicorn": {"api"},
     "rhytid_kernels": {"device", "build_identity"},
     "rhytid_viewer": {"api", "skin_package"},
     "trimesh": {"meshes"},
     "OpenImageIO": {"textures"},
-    "dask": {"farm"},
-    "distributed": {"farm"},
+    "dask": {"baking"},
+    "distributed": {"baking"},
     "fsspec": {"storage"},
     "s3fs": {"storage"},
     "ray": {"fleet"},

@@ -11,7 +11,7 @@ from house.markdown import table
 from house.pages import ROOT
 from rhytid.api import device_slots, encoding, events, parts, rates, request_memory, uploads
 from rhytid.api.live import drawing, places, session, wire
-from rhytid.cli import connections, web_sockets
+from rhytid.api.server import connections, web_sockets
 from rhytid.decoding import decoder, limits
 from rhytid.domain import expressions, painted, view
 from rhytid.engine import byte_budget

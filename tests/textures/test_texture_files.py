@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rhytid.cli.bake_output import BakeSize, Output
+from rhytid.baking.output import BakeSize, Output
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError, QueryError
 from rhytid.formats.tile_header import TileHeader

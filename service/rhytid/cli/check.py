@@ -6,23 +6,25 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.argument_types import readable
-from rhytid.cli.mesh_options import (
+from rhytid.cli.options import (
     FRAME_FILES,
     add_caches,
+    add_json,
     add_mesh,
+    add_several,
+    add_strict,
     add_unit,
     cache_clip,
     length_unit,
+    readable,
 )
-from rhytid.cli.options import Commands, add_json, add_several, add_strict, new_command
-from rhytid.cli.progress import counted, working
-from rhytid.cli.reporting import report, table
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import counted, report, table, working
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
-    from rhytid.cli.warned import Warned
+    from rhytid.baking.run_warnings import RunWarnings
     from rhytid.meshes.check import MeshCheck
 
 _PNG = ".png"
@@ -56,16 +58,16 @@ def add_command(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Read, check, write and report; with --strict warnings are an error at the end."""
-    from rhytid.cli.warned import Warned
+    from rhytid.baking.run_warnings import RunWarnings
 
-    with Warned("check", arguments.strict, arguments.allow) as warned:
+    with RunWarnings("check", arguments.strict, arguments.allow) as warned:
         _run(arguments, warned)
         warned.refuse()
 
 
-def _run(arguments: argparse.Namespace, warned: Warned) -> None:
-    from rhytid.cli.input_files import mesh_file
-    from rhytid.cli.places import make_place
+def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
+    from rhytid.baking.input_files import mesh_file
+    from rhytid.console import make_place
     from rhytid.meshes.check import MeshCheck
     from rhytid.meshes.words import HEADER, rows
 
@@ -89,11 +91,11 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     report(figures, table(HEADER, rows(check, figures)), arguments.json)
 
 
-def _frames(arguments: argparse.Namespace, check: MeshCheck, warned: Warned) -> dict[str, Any]:
+def _frames(arguments: argparse.Namespace, check: MeshCheck, warned: RunWarnings) -> dict[str, Any]:
     """Report the warnings of the mesh and of every frame; how many frames there are."""
     from dataclasses import replace
 
-    from rhytid.cli.frame_files import FrameFiles
+    from rhytid.baking.frames import FrameFiles
     from rhytid.domain.frame_warnings import FrameCheck
     from rhytid.domain.mesh_warnings import mesh_warnings
 

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from rhytid.cli.options import Commands, new_command
+from rhytid.cli.parser import Commands, new_command
 
 SHELLS = ("bash", "zsh", "fish")
 
@@ -27,9 +27,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Print the script."""
     import shtab
 
-    from rhytid.cli.program import build_parser
-
-    parser = build_parser()
+    parser: argparse.ArgumentParser = arguments.program
     for action in _actions(parser):
         if _takes_files(action):
             action.complete = shtab.FILE  # type: ignore[attr-defined]

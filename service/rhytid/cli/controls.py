@@ -5,10 +5,18 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rhytid.cli.mesh_options import MESH_FILES, add_mesh, add_prim, add_unit, length_unit, prim_clip
-from rhytid.cli.options import Commands, add_device, add_several, new_command
-from rhytid.cli.progress import counted
-from rhytid.cli.voice import note
+from rhytid.cli.options import (
+    MESH_FILES,
+    add_device,
+    add_mesh,
+    add_prim,
+    add_several,
+    add_unit,
+    length_unit,
+    prim_clip,
+)
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import counted, note
 from rhytid.domain.control_samples import NAMES, samples, title
 from rhytid.errors import InputError
 
@@ -42,10 +50,10 @@ def add_command(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Read the mesh, draw every control, write the picture."""
+    from rhytid.baking.input_files import mesh_file
     from rhytid.cli.control_skins import ControlSkins
     from rhytid.cli.graph_output import PNG, open_device
-    from rhytid.cli.input_files import mesh_file
-    from rhytid.cli.places import make_place
+    from rhytid.console import make_place
     from rhytid.durable import whole
     from rhytid.pictures.control_sheet import control_sheet
 

@@ -5,11 +5,17 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rhytid.cli.argument_types import readable
-from rhytid.cli.mesh_options import FRAME_FILES, add_caches, add_mesh, cache_clip
-from rhytid.cli.options import Commands, add_json, add_several, new_command
-from rhytid.cli.progress import counted
-from rhytid.cli.reporting import report
+from rhytid.cli.options import (
+    FRAME_FILES,
+    add_caches,
+    add_json,
+    add_mesh,
+    add_several,
+    cache_clip,
+    readable,
+)
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import counted, report
 from rhytid.domain.frame import counted_frame
 from rhytid.domain.wording import plural
 from rhytid.errors import InputError
@@ -38,10 +44,10 @@ def add_command(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Read the mesh, write it with its frames, and say how a server knows them."""
-    from rhytid.cli.frame_files import FrameFiles
-    from rhytid.cli.input_files import mesh_file
-    from rhytid.cli.places import make_place
-    from rhytid.cli.warned import Warned
+    from rhytid.baking.frames import FrameFiles
+    from rhytid.baking.input_files import mesh_file
+    from rhytid.baking.run_warnings import RunWarnings
+    from rhytid.console import make_place
     from rhytid.durable import whole
     from rhytid.formats.npz_files import write_mesh_npz
 
@@ -50,7 +56,7 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError(f"{out}: the mesh is written as .npz")
     clip = cache_clip(arguments)
     read = mesh_file(arguments.mesh, clip)
-    with Warned("convert", False) as warned:
+    with RunWarnings("convert", False) as warned:
         warned.notes(read.notes)
     moves = arguments.frames or read.frames is not None or read.animation is not None
     files = FrameFiles(read, arguments.frames, clip) if moves else None

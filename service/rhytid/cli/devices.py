@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from rhytid.cli.options import Commands, add_json, new_command
-from rhytid.cli.progress import working
-from rhytid.cli.reporting import report, table
+from rhytid.cli.options import add_json
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import report, table, working
 from rhytid.settings import ServiceSettings
 
 HEADER = ("number", "kind", "units", "memory MiB", "version", "name", "platform", "used")

@@ -8,17 +8,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rhytid.cli.argument_types import readable
 from rhytid.cli.graph_output import add_outputs, check_outputs, open_device, write_outputs
-from rhytid.cli.mesh_options import MESH_FILES, add_prim, add_unit, length_unit, prim_clip
-from rhytid.cli.options import Commands, add_force, add_strict, new_command
-from rhytid.cli.progress import working
+from rhytid.cli.options import (
+    MESH_FILES,
+    add_force,
+    add_prim,
+    add_strict,
+    add_unit,
+    length_unit,
+    prim_clip,
+    readable,
+)
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import working
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 
 if TYPE_CHECKING:
-    from rhytid.cli.warned import Warned
+    from rhytid.baking.run_warnings import RunWarnings
     from rhytid.device.runtime import Device
 
 
@@ -43,14 +51,14 @@ def add_command(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Read both, find the pores on the mesh, write, and report the figures."""
-    from rhytid.cli.warned import Warned
+    from rhytid.baking.run_warnings import RunWarnings
 
-    with Warned("graph", arguments.strict, arguments.allow) as warned:
+    with RunWarnings("graph", arguments.strict, arguments.allow) as warned:
         _run(arguments, warned)
 
 
-def _run(arguments: argparse.Namespace, warned: Warned) -> None:
-    from rhytid.cli.input_files import graph_file, mesh_file
+def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
+    from rhytid.baking.input_files import graph_file, mesh_file
 
     read = mesh_file(arguments.mesh, prim_clip(arguments.prim))
     mesh, unit = read.mesh, length_unit(arguments, read)

@@ -9,10 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rhytid.cli.options import add_device, add_json
-from rhytid.cli.places import make_place
-from rhytid.cli.progress import working
-from rhytid.cli.reporting import report, table
-from rhytid.cli.voice import detail
+from rhytid.console import detail, make_place, report, table, working
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import Lengths

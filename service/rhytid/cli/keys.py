@@ -11,10 +11,9 @@ from pathlib import Path
 
 from rhytid.access.api_key import COMPUTE, READ, SCOPES, ApiKey, new_key, utc_now
 from rhytid.access.key_file import changing, read_keys
-from rhytid.cli.argument_types import base_name
-from rhytid.cli.options import Commands, add_json, add_several, new_command
-from rhytid.cli.reporting import report, table
-from rhytid.cli.serve import chosen
+from rhytid.cli.options import add_json, add_several, base_name, local_settings
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import report, table
 from rhytid.errors import InputError
 
 HEADER = ("name", "id", "scopes", "made", "expires", "requests/s", "jobs")
@@ -57,7 +56,7 @@ def run(arguments: argparse.Namespace) -> None:
     listed = arguments.action == "list"
     if listed == (arguments.name is not None):
         arguments.usage_error(f"{arguments.action} takes {'no' if listed else 'a'} NAME")
-    path = chosen(arguments.store, None).key_file
+    path = local_settings(arguments.store, None).key_file
     {"create": _create, "list": _list, "revoke": _revoke}[arguments.action](path, arguments)
 
 

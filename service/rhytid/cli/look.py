@@ -8,11 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.argument_types import base_name
-from rhytid.cli.mesh_options import add_fps, add_unit
-from rhytid.cli.options import Commands, add_json, new_command
-from rhytid.cli.reporting import report, table
-from rhytid.cli.voice import note
+from rhytid.cli.options import add_fps, add_json, add_unit, base_name
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import note, report, table
 from rhytid.domain.wording import plural
 from rhytid.errors import InputError
 

@@ -1,4 +1,4 @@
-"""The parser of the command line: how it says what is wrong with arguments."""
+"""The parsers of the program and of its commands: help, and what is wrong with arguments."""
 
 from __future__ import annotations
 
@@ -9,10 +9,41 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise, takewhile
 from typing import Any, NoReturn
 
-from rhytid.cli.voice import job_line, voice
+from rhytid.console import openjd_line, verbosity
 
+Commands = Any  # argparse._SubParsersAction has no public name
 # Options that are named to somebody who has written only their beginning.
 _MOST_NAMED = 3
+
+
+def new_command(commands: Commands, name: str, summary: str, example: str) -> Parser:
+    """A parser for one command, with its help and an example."""
+    parser: Parser = commands.add_parser(
+        name,
+        help=summary,
+        description=summary,
+        epilog=f"example: {example}",
+        # Else --set would be --settings where there is no --set.
+        allow_abbrev=False,
+        formatter_class=HelpFormatter,
+    )
+    voice = parser.add_mutually_exclusive_group()
+    quiet = "say nothing but results, warnings and errors"
+    voice.add_argument("-q", "--quiet", action="store_true", help=quiet)
+    verbose = "also say which step begins, which file is written, and where an error came from"
+    voice.add_argument("-v", "--verbose", action="store_true", help=verbose)
+    return parser
+
+
+class HelpFormatter(argparse.HelpFormatter):
+    """Ends the help of every option that takes a value with its default."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        optional = action.option_strings and not action.required and action.nargs != 0
+        if not action.help or not optional or "(default: " in action.help:
+            return action.help
+        known = action.default not in (None, []) and action.default is not argparse.SUPPRESS
+        return f"{action.help} (default: {'%(default)s' if known else 'none'})"
 
 
 class Parser(argparse.ArgumentParser):
@@ -29,8 +60,8 @@ class Parser(argparse.ArgumentParser):
     def refuse(self, message: str, more: str = "") -> NoReturn:
         """End with the reason, and nothing else but what `more` says: for arguments that are
         understood, but do not go together."""
-        if voice().for_job:
-            job_line("fail", f"{self.prog}: {message}")
+        if verbosity().for_job:
+            openjd_line("fail", f"{self.prog}: {message}")
         self.exit(2, f"{self.prog}: error: {message}{more}\n")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:

@@ -1,35 +1,41 @@
-"""The picture that `--preview` writes: the skin of a graph, drawn on a device."""
+"""The pictures that `--preview` writes: the skin of a graph, drawn on a device."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.cli.preview_spots import Spots, flat_spots, spot_at
-from rhytid.cli.progress import share_bar
+from rhytid.console import share_bar
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.folds import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
-from rhytid.domain.tiles import mesh_udims, triangles_inside, udim_origin
+from rhytid.domain.tiles import busiest_udim, mesh_udims, triangles_inside, udim_origin
 from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.wording import plural
 from rhytid.durable import whole
 from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.pictures.preview import PATCH, WHOLE, Patch, WholeMap, preview
+from rhytid.pictures.preview import LIGHTS, PATCH, WHOLE, Patch, WholeMap, patch_panel, preview
+from rhytid.pictures.region_views import RegionView, region_views
+from rhytid.pictures.sheet import Panel, sheet
 from rhytid.pictures.surface_patch import SurfacePatch, surface_patch
 from rhytid.synthesis.progress import Progress, part
 
 PATCH_MM = 20.0
 MOST_UDIMS = 4
+# Of a patch in the picture of regions, and its pixels per side.
+SIDE_MM, _PIXELS = 8.0, 400
 # Texels between two pores, at least, as far as maps go.
 _DENSITY = 16.0
 # Texels per side of what is drawn at once.
@@ -80,32 +86,6 @@ def write_preview(
             preview(maps, patches, unit_mm, caption).save(aside, format="png")
 
 
-def resolution_for(scales: Sequence[float], spacing: float) -> int:
-    """Enough texels for pores in patches.  scales: UV to a mesh unit of each.  spacing: mesh
-    units."""
-    wanted = _DENSITY / (spacing * min(scales, default=np.inf))
-    return next((r for r in _RESOLUTIONS if r >= wanted), _RESOLUTIONS[-1])
-
-
-@contextmanager
-def resident(
-    device: Device,
-    mesh: Mesh,
-    graph: WrinkleGraph,
-    settings: AssetSettings,
-    stiffness: Stiffness | None = None,
-) -> Iterator[DeviceAsset]:
-    """The skin of a graph on a device, ready to be drawn; given back at the end."""
-    with device.task():
-        asset = DeviceAsset(device, mesh, settings, stiffness)
-        try:
-            asset.mesh.locate(graph)
-            asset.mesh.install(asset.mesh.prepare(graph, settings), settings)
-            yield asset
-        finally:
-            asset.release()
-
-
 def _whole(asset: DeviceAsset, mesh: Mesh, udim: int) -> WholeMap:
     level = asset.mesh.settings.grid.levels - WHOLE.bit_length()
     heights = asset.drawing.to_host(NEUTRAL_FRAME, _NEUTRAL, udim, level, 0, 0, WHOLE)
@@ -130,6 +110,101 @@ def _patches(asset: DeviceAsset, mesh: Mesh, near: Spots, progress: Progress) ->
     heights = drawn_under(asset, udim, surfaces, progress)
     named = zip("AB", near.spots, surfaces, strict=False)
     return [Patch(name, udim, s.uv, side, surface, heights) for name, s, surface in named]
+
+
+@dataclass(frozen=True, eq=False)
+class AgedSkin:
+    """The skin of an age.  settings: unit and lengths that it is drawn with.  spacing: of its
+    pores, mesh units."""
+
+    age: float
+    graph: WrinkleGraph
+    settings: AssetSettings
+    spacing: float
+
+
+def write_region_sheet(
+    device: Device, mesh: Mesh, folds: Folds, skins: Iterable[AgedSkin], file: Path
+) -> None:
+    """Patches of all regions that folds have masks of, two rows for each skin, into a PNG;
+    nothing where no region lies in the UDIM with most triangles."""
+    udim, rows = busiest_udim(mesh), []
+    views: list[RegionView] = []
+    for skin in skins:
+        unit_mm = millimetres(skin.settings.length_unit) or MILLIMETRES[USUAL_UNIT]
+        views = views or skin_views(mesh, folds, udim, SIDE_MM / unit_mm)
+        if not views:
+            return
+        rows += _rows(device, mesh, udim, views, skin)
+    caption = (
+        f"Regions as masks of named expressions have them, {SIDE_MM:g} mm wide, seen on the "
+        "surface along its normal, true to scale; light from the upper left, at 45° and grazing."
+    )
+    with whole(file) as aside:
+        sheet(rows, caption).save(aside, format="png")
+
+
+def skin_views(mesh: Mesh, folds: Folds, udim: int, side: float) -> list[RegionView]:
+    """Where each region of a face is looked at: patches of `side` mesh units."""
+    inside = triangles_inside(mesh, udim)
+    faces = mesh.faces[inside]
+    size, eccentricity, _ = folds.axes()
+    return region_views(
+        mesh.positions[faces].astype(np.float64),
+        mesh.triangle_uv()[inside] - udim_origin(udim),
+        {name: mask[faces].mean(axis=1) for name, mask in folds.regions.items()},
+        (size * eccentricity)[faces].mean(axis=1),
+        side,
+        _PIXELS,
+    )
+
+
+def _rows(
+    device: Device, mesh: Mesh, udim: int, views: list[RegionView], skin: AgedSkin
+) -> list[list[Panel]]:
+    resolution = resolution_for([view.scale for view in views], skin.spacing)
+    settings = skin.settings.changed({"resolution": resolution})
+    with (
+        share_bar(f"regions, age {skin.age:g}") as show,
+        resident(device, mesh, skin.graph, settings) as asset,
+    ):
+        heights = drawn_under(asset, udim, [view.surface for view in views], show)
+    return [
+        [
+            patch_panel(
+                f"{view.region.replace('_', ' ')}, {skin.age:g} years, {light:g}°",
+                view.surface, heights, light, SIDE_MM,
+            )
+            for view in views
+        ]
+        for light in LIGHTS
+    ]  # fmt: skip
+
+
+def resolution_for(scales: Sequence[float], spacing: float) -> int:
+    """Enough texels for pores in patches.  scales: UV to a mesh unit of each.  spacing: mesh
+    units."""
+    wanted = _DENSITY / (spacing * min(scales, default=np.inf))
+    return next((r for r in _RESOLUTIONS if r >= wanted), _RESOLUTIONS[-1])
+
+
+@contextmanager
+def resident(
+    device: Device,
+    mesh: Mesh,
+    graph: WrinkleGraph,
+    settings: AssetSettings,
+    stiffness: Stiffness | None = None,
+) -> Iterator[DeviceAsset]:
+    """The skin of a graph on a device, ready to be drawn; given back at the end."""
+    with device.task():
+        asset = DeviceAsset(device, mesh, settings, stiffness)
+        try:
+            asset.mesh.locate(graph)
+            asset.mesh.install(asset.mesh.prepare(graph, settings), settings)
+            yield asset
+        finally:
+            asset.release()
 
 
 def drawn_under(

@@ -32,9 +32,8 @@ from rhytid.cli import (
     warnings,
 )
 from rhytid.cli.parser import Parser, is_for_job
-from rhytid.cli.places import make_place
 from rhytid.cli.termination import INTERRUPTED, Interruption
-from rhytid.cli.voice import Voice, job_line, speaking
+from rhytid.console import Verbosity, make_place, openjd_line, use_verbosity
 from rhytid.errors import RhytidError
 from rhytid.settings import misspelt
 from rhytid.storage.lock import known_as
@@ -64,13 +63,13 @@ GROUP = "rhytid.commands"
 
 def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
     """Run one command and return its exit status, as `main` has it."""
-    with speaking(Voice(for_job=is_for_job(sys.argv[1:] if argv is None else argv))):
+    with use_verbosity(Verbosity(for_job=is_for_job(sys.argv[1:] if argv is None else argv))):
         arguments = build_parser().parse_args(argv)
     interruption.command = arguments.command
     for_job = getattr(arguments, "progress", None) == "openjd"
-    voice = Voice(arguments.quiet, arguments.verbose, for_job)
+    level = Verbosity(arguments.quiet, arguments.verbose, for_job)
     try:
-        with speaking(voice), _logging(voice), known_as(f"rhytid {arguments.command}"):
+        with use_verbosity(level), _logging(level), known_as(f"rhytid {arguments.command}"):
             if arguments.command != "serve":  # which has a log
                 _warn_of_variables(arguments.command)
             make_place(getattr(arguments, "json", None))
@@ -84,11 +83,11 @@ def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
             return INTERRUPTED
         if not isinstance(error, RhytidError | OSError):
             raise
-        if voice.verbose:
+        if level.verbose:
             traceback.print_exc()
         print(f"rhytid {arguments.command}: {_line(error)}", file=sys.stderr)
         if for_job:
-            job_line("fail", f"rhytid {arguments.command}: {_line(error)}")
+            openjd_line("fail", f"rhytid {arguments.command}: {_line(error)}")
         return 1
     return 0
 
@@ -103,6 +102,7 @@ def build_parser() -> Parser:
     )
     version = "print the version, the digest of the drawing and the revision"
     parser.add_argument("--version", action=_Version, help=version)
+    parser.set_defaults(program=parser)  # which `completion` describes
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     # By name: an installed package beside one on PYTHONPATH lists each twice.
     others = {entry.name: entry for entry in entry_points(group=GROUP)}
@@ -128,9 +128,9 @@ def _warn_of_variables(command: str) -> None:
 
 
 @contextmanager
-def _logging(voice: Voice) -> Iterator[None]:
+def _logging(level: Verbosity) -> Iterator[None]:
     """Where verbose, the log of this package on stderr."""
-    if not voice.verbose:
+    if not level.verbose:
         yield
         return
     logger, handler = logging.getLogger("rhytid"), logging.StreamHandler()

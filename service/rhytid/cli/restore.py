@@ -6,11 +6,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.argument_types import readable
-from rhytid.cli.options import Commands, add_json, add_progress, add_shared_store, new_command
-from rhytid.cli.progress import working
-from rhytid.cli.reporting import report
+from rhytid.cli.options import add_json, add_progress, add_shared_store, readable
+from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.snapshot import RUNNING, SUFFIX, add_store, mirrored
+from rhytid.console import report, working
 from rhytid.errors import SnapshotError
 
 if TYPE_CHECKING:

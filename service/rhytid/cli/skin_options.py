@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.argument_types import existing, readable
-from rhytid.cli.options import add_several
+from rhytid.baking.request import SkinRequest
+from rhytid.cli.options import add_several, existing, readable
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.controls import CONTROLS, REGION_MAPS, REGION_PREFIX
 from rhytid.domain.expressions import LINES
 from rhytid.domain.lengths import SKIN
 from rhytid.domain.regions import REGIONS, WHOLE_FACE
+from rhytid.errors import SettingsError
 
 if TYPE_CHECKING:
     from rhytid.domain.controls import Controls
@@ -103,6 +106,33 @@ def skin_settings(
     return settings
 
 
+def asset_settings(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The settings file with the options over it; raises SettingsError naming what is wrong."""
+    given: Any = {}
+    if arguments.settings is not None:
+        try:
+            given = json.loads(arguments.settings.read_bytes())
+        except (ValueError, RecursionError) as exc:
+            raise SettingsError(f"{arguments.settings} is not JSON: {exc}") from exc
+        AssetSettings.parse(given)
+    settings: dict[str, Any] = dict(given)
+    if arguments.resolution is not None:
+        settings["resolution"] = arguments.resolution
+    return skin_settings(arguments, settings)
+
+
+def skin_request(arguments: argparse.Namespace) -> SkinRequest:
+    """What the arguments ask for of an asset that is built; raises what `asset_settings` does."""
+    return SkinRequest(
+        settings=asset_settings(arguments),
+        graph=arguments.graph,
+        stiffness=arguments.stiffness,
+        maps=skin_maps(arguments),
+        shapes=arguments.shapes,
+        force=arguments.force,
+    )
+
+
 def skin_maps(arguments: argparse.Namespace) -> dict[str, list[Path]]:
     """Painted maps and masks, by the name of what they control."""
     masks = [(REGION_PREFIX + region, file) for region, file in arguments.region_mask]
@@ -114,7 +144,7 @@ def skin_maps(arguments: argparse.Namespace) -> dict[str, list[Path]]:
 
 def skin_controls(arguments: argparse.Namespace, mesh: Mesh) -> Controls | None:
     """The same, read and checked."""
-    from rhytid.cli.input_files import control_files
+    from rhytid.baking.input_files import control_files
 
     return control_files(skin_maps(arguments), mesh)
 

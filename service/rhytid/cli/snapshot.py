@@ -8,11 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.options import Commands, add_json, add_shared_store, new_command
-from rhytid.cli.progress import working
-from rhytid.cli.reporting import report
-from rhytid.cli.serve import chosen, sharing
-from rhytid.cli.shared_assets import bring, searching
+from rhytid.cli.options import add_json, add_shared_store, local_settings, service_settings
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import report, working
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,7 +50,7 @@ def opened(store: Path | None, *, new: bool) -> Iterator[AssetStore]:
     """The store of the arguments; raises InputError where there is none, unless it may be new."""
     from rhytid.storage.store import AssetStore
 
-    folder = chosen(store, None).store
+    folder = local_settings(store, None).store
     if not new and not (folder / "assets").is_dir():
         raise InputError(f"{folder} is no store of assets")
     with AssetStore(folder) as found:
@@ -68,7 +66,7 @@ def mirrored(
     from rhytid.storage.shared.mirror import StoreMirror
     from rhytid.storage.shared.shared_store import SharedStore
 
-    place = sharing(store, None, shared_store).shared_store
+    place = service_settings(store, None, shared_store).shared_store
     shared = None if place is None else SharedStore.at(place)
     with opened(store, new=new or shared is not None) as found:
         yield found, None if shared is None else StoreMirror(found, shared)
@@ -76,7 +74,8 @@ def mirrored(
 
 def run(arguments: argparse.Namespace) -> None:
     """Check the asset and write the file, which is there when it is whole."""
-    from rhytid.cli.places import make_place
+    from rhytid.baking.assets import bring, naming_store
+    from rhytid.console import make_place
     from rhytid.durable import whole, write_pieces
 
     out: Path = arguments.out or Path(f"{arguments.asset}{SUFFIX}")
@@ -87,7 +86,7 @@ def run(arguments: argparse.Namespace) -> None:
         if mirror is not None:
             bring(mirror, arguments.asset)
         with (
-            searching(chosen(arguments.store, None).store),
+            naming_store(local_settings(arguments.store, None).store),
             working(f"writing {out}"),
             store.snapshots.of(arguments.asset) as made,
             whole(out) as aside,

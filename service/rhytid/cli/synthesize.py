@@ -16,19 +16,18 @@ from rhytid.cli.graph_output import (
     whole_file,
     write_outputs,
 )
-from rhytid.cli.mesh_options import add_caches, add_mesh, add_unit, cache_clip, length_unit
-from rhytid.cli.options import Commands, add_strict, new_command
-from rhytid.cli.places import make_place
-from rhytid.cli.progress import share_bar, working
+from rhytid.cli.options import add_caches, add_mesh, add_strict, add_unit, cache_clip, length_unit
+from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.skin_options import add_skin, skin_controls, skin_settings
+from rhytid.console import make_place, share_bar, working
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
 from rhytid.domain.expressions import grown_from
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
-    from rhytid.cli.region_preview import AgedSkin
-    from rhytid.cli.warned import Warned
+    from rhytid.baking.run_warnings import RunWarnings
+    from rhytid.cli.preview import AgedSkin
     from rhytid.device.runtime import Device
     from rhytid.domain.expressions import Expressions
     from rhytid.domain.folds import Folds
@@ -69,15 +68,15 @@ def run(arguments: argparse.Namespace) -> None:
     """Read, synthesise, write, and report the figures of the result."""
     if arguments.ages and arguments.preview is None:
         arguments.usage_error("--ages needs --preview FILE.png: ages are drawn in its picture")
-    from rhytid.cli.warned import Warned
+    from rhytid.baking.run_warnings import RunWarnings
 
-    with Warned("synthesize", arguments.strict, arguments.allow) as warned:
+    with RunWarnings("synthesize", arguments.strict, arguments.allow) as warned:
         _run(arguments, warned)
 
 
-def _run(arguments: argparse.Namespace, warned: Warned) -> None:
+def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
     # Imported here, so that --help needs no OpenCL.
-    from rhytid.cli.input_files import mesh_file, shape_files
+    from rhytid.baking.input_files import mesh_file, shape_files
     from rhytid.formats.graphs import write_graph
     from rhytid.synthesis.fields.build_size import BuildSize
     from rhytid.synthesis.fields.capacity_check import check_amount
@@ -144,7 +143,7 @@ def _draw_lines(mesh: Mesh, folds: Folds, preview: Path) -> None:
 def _draw_regions(
     device: Device, mesh: Mesh, folds: Folds, skins: Iterable[AgedSkin], preview: Path
 ) -> None:
-    from rhytid.cli.region_preview import write_region_sheet
+    from rhytid.cli.preview import write_region_sheet
 
     write_region_sheet(device, mesh, folds, skins, preview.with_suffix(".regions.png"))
 
@@ -157,7 +156,7 @@ def _aged(
     unit: str,
 ) -> AgedSkin:
     """The skin that was made, or grown anew at another age."""
-    from rhytid.cli.region_preview import AgedSkin
+    from rhytid.cli.preview import AgedSkin
 
     if aged != settings:
         with share_bar(f"synthesis, age {aged.age:g}") as show:

@@ -7,11 +7,18 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.mesh_options import MESH_FILES, add_mesh, add_prim, add_unit, length_unit, prim_clip
-from rhytid.cli.options import Commands, add_json, add_several, new_command
-from rhytid.cli.progress import counted, working
-from rhytid.cli.reporting import report, table
-from rhytid.cli.voice import detail
+from rhytid.cli.options import (
+    MESH_FILES,
+    add_json,
+    add_mesh,
+    add_prim,
+    add_several,
+    add_unit,
+    length_unit,
+    prim_clip,
+)
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import counted, detail, report, table, working
 from rhytid.domain.controls import NEUTRALS
 from rhytid.domain.painted import MOST_TEXELS
 from rhytid.domain.stiffness import NEUTRAL
@@ -57,8 +64,8 @@ def add_command(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Read the mesh, draw its UDIMs, write the masks, and report what was written."""
-    from rhytid.cli.input_files import mesh_file
-    from rhytid.cli.places import make_folder
+    from rhytid.baking.input_files import mesh_file
+    from rhytid.console import make_folder
     from rhytid.pictures.template_guide import guide
     from rhytid.pictures.uv_template import Charts
 

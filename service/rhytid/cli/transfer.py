@@ -7,16 +7,25 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.argument_types import readable
-from rhytid.cli.mesh_options import MESH_FILES, add_prim, add_unit, length_unit, prim_clip
-from rhytid.cli.options import Commands, add_device, add_force, add_json, add_strict, new_command
-from rhytid.cli.progress import working
-from rhytid.cli.reporting import report, table
+from rhytid.cli.options import (
+    MESH_FILES,
+    add_device,
+    add_force,
+    add_json,
+    add_prim,
+    add_strict,
+    add_unit,
+    length_unit,
+    prim_clip,
+    readable,
+)
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import report, table, working
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
-    from rhytid.cli.warned import Warned
+    from rhytid.baking.run_warnings import RunWarnings
     from rhytid.domain.graph import WrinkleGraph
     from rhytid.meshes.transfer import Transfer
 
@@ -53,17 +62,17 @@ def add_command(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Read all three, carry the graph over, write it and report the figures."""
-    from rhytid.cli.warned import Warned
+    from rhytid.baking.run_warnings import RunWarnings
 
-    with Warned("transfer", arguments.strict, arguments.allow) as warned:
+    with RunWarnings("transfer", arguments.strict, arguments.allow) as warned:
         _run(arguments, warned)
 
 
-def _run(arguments: argparse.Namespace, warned: Warned) -> None:
+def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
+    from rhytid.baking.input_files import graph_file, mesh_file
     from rhytid.cli.graph import placed_graph
     from rhytid.cli.graph_output import open_device, whole_file
-    from rhytid.cli.input_files import graph_file, mesh_file
-    from rhytid.cli.places import make_place
+    from rhytid.console import make_place
     from rhytid.formats.graphs import write_graph
     from rhytid.meshes.transfer import transfer
 

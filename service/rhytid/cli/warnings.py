@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import textwrap
 
-from rhytid.cli.options import Commands, new_command
+from rhytid.cli.parser import Commands, new_command
 from rhytid.domain.warning_meanings import NOTICES, WARNINGS, Meaning
 
 _KNOWN = {**WARNINGS, **NOTICES}

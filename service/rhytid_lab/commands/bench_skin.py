@@ -7,9 +7,9 @@ import sys
 from collections.abc import Collection
 from typing import Any
 
-from rhytid.cli.input_files import graph_file
-from rhytid.cli.progress import share_bar
+from rhytid.baking.input_files import graph_file
 from rhytid.cli.skin_options import density
+from rhytid.console import share_bar
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph

@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from rhytid import __version__
-from rhytid.cli.frame_files import FramePlace
-from rhytid.cli.progress import counted, share_bar
-from rhytid.cli.timing import Stopwatch
-from rhytid.cli.warned import Warned
+from rhytid.baking.frame_names import FramePlace
+from rhytid.baking.run_warnings import RunWarnings
+from rhytid.console import Stopwatch, counted, share_bar
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.notices import Notice
 from rhytid.domain.warnings import InputWarning
@@ -62,7 +61,7 @@ class Session:
         face: Animation,
         out: Path,
         query: Query,
-        warned: Warned,
+        warned: RunWarnings,
     ) -> None:
         self.client, self.face, self.out = client, face, out
         self.query, self.warned = query, warned

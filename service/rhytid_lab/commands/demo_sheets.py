@@ -7,8 +7,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from rhytid.cli.frame_files import FramePlace
-from rhytid.cli.progress import counted
+from rhytid.baking.frame_names import FramePlace
+from rhytid.console import counted
 from rhytid.domain.tiles import busiest_udim, triangles_inside, udim_origin
 from rhytid.durable import whole
 from rhytid_lab.commands.demo_session import Session

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 
-from rhytid.cli.reporting import report, table
+from rhytid.console import report, table
 from rhytid.errors import RhytidError
 from rhytid_lab.scaling.check import check
 from rhytid_lab.scaling.constants import Constants

@@ -1,0 +1,176 @@
+"""A bake on the workers of a Dask cluster: `rhytid bake --dask`."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from rhytid.baking.baker import Baker
+from rhytid.baking.farm.bake_session import ChunkReport, WorkerJob
+from rhytid.baking.farm.chunks import Chunk, Event, FrameDone, Unable, WorkerLost
+from rhytid.baking.farm.dask_cluster import (
+    Cluster,
+    check_installed,
+    local_cluster,
+    running_cluster,
+)
+from rhytid.baking.farm.dask_run import DaskRun
+from rhytid.baking.frame_names import FramePlace, FrameRange, frame_numbers
+from rhytid.baking.inputs import BakeInputs
+from rhytid.baking.request import LOCAL, BakeRequest
+from rhytid.console import counted, detail, note, verbosity, working
+from rhytid.device.select import candidates
+from rhytid.durable import READABLE, shared_workplace, sweep, write_pieces
+from rhytid.unfinished import temporary_folder
+
+# Tasks for each worker, where nothing says how large they are: so many that none waits long for the
+# last of the others.
+_TASKS = 4
+# And so small that a worker that comes later gets some, too.
+_LARGEST = 50
+# Processes on one device: while one writes, the other draws.
+_ON_ONE = 2
+# Until the first frame is there.
+_OPENING = "workers start and open the skin"
+
+
+@dataclass
+class DaskFigures:
+    """How a bake went on a cluster.
+
+    workers: that baked a frame.  lost: of these, that left before the end.  snapshot_bytes: that
+    each worker reads.
+    """
+
+    workers: int = 0
+    lost: int = 0
+    tasks: int = 0
+    snapshot_bytes: int = 0
+
+
+class DaskBake:
+    """Bakes the frames of a Baker on a cluster, and counts in the Baker what is written there."""
+
+    def __init__(self, request: BakeRequest, inputs: BakeInputs, baker: Baker) -> None:
+        self._request, self._inputs, self._baker = request, inputs, baker
+        self._out = request.out.resolve()
+        places = baker.frames.places
+        self._numbers = inputs.part or FrameRange.of(frame_numbers(places))
+        self._chunks: list[FrameRange] = []
+        self.figures = DaskFigures()
+
+    def run(self) -> None:
+        """Bake every frame. Raises what a single bake does, with the name of the worker where the
+        reason is there, and FarmError where the cluster does not work."""
+        mine, ended = self._request.dask == LOCAL, False
+        # The snapshot is beside the maps, where all workers find it.
+        with shared_workplace(self._out) as shared:
+            try:
+                with bake_cluster(self._request) as cluster:
+                    self._bake(cluster, self._job(shared))
+                ended = True
+            finally:
+                # After an error, workers of others may still write; those from here are dead.
+                if ended or mine:
+                    sweep(self._out, self._names().__contains__)
+
+    def _job(self, shared: Path) -> WorkerJob:
+        baker = self._baker
+        snapshot = shared / f"{baker.asset.id}.rhytid.tar"
+        with working("writing the snapshot"), baker.engine.snapshots.of(baker.asset.id) as made:
+            write_pieces(snapshot, made.pieces())
+        snapshot.chmod(READABLE)
+        self.figures.snapshot_bytes = made.nbytes
+        return WorkerJob.of(self._request, self._inputs, baker, snapshot, self._places())
+
+    def _bake(self, cluster: Cluster, job: WorkerJob) -> None:
+        many = len(self._numbers.numbers)
+        with DaskRun(cluster, job) as run:
+            each = self._request.chunk or chunk_size(many, run.workers.slots())
+            self._chunks = self._numbers.chunks(each)
+            events = run.bake([Chunk(one.numbers, one.text()) for one in self._chunks])
+            for _ in counted(range(many), "baking", "frame", _OPENING):
+                self._until_frame(events)
+                with suppress(OSError):  # so that no other bake takes the snapshot for abandoned
+                    os.utime(Path(job.snapshot.path).parent)
+            self._until_frame(events)  # the last chunk ends after its last frame
+        self.figures.tasks = len(self._chunks)
+        self.figures.workers = len(run.used)
+        self.figures.lost = len(run.used & run.workers.lost)
+
+    def _until_frame(self, events: Iterator[Event]) -> None:
+        """Take in what happens until one more frame is there."""
+        for event in events:
+            if isinstance(event, FrameDone):
+                detail(f"frame {event.label} is there, by {event.worker}")
+                return
+            if isinstance(event, WorkerLost):
+                note(f"rhytid: worker {event.address} has left; its frames go to another")
+            elif isinstance(event, Unable):
+                note(f"rhytid: {event.error}; its frames go to another")
+            else:
+                self._count(event.report)
+
+    def _count(self, report: ChunkReport) -> None:
+        baker = self._baker
+        baker.written += report.written
+        baker.skipped += report.skipped
+        for step, seconds in report.seconds.items():
+            for one in seconds:
+                baker.watch.add(step, one)
+        baker.warned.tell(report.warnings)
+
+    def _places(self) -> list[FramePlace]:
+        """Of the frames that are baked."""
+        return self._numbers.select(self._baker.frames.places)
+
+    def _names(self) -> set[str]:
+        """The names of all files that this bake writes for itself alone."""
+        name, asset = self._inputs.name, self._baker.asset
+        output, geometry = self._baker.output, self._request.geometry
+        records = {f"{name}.bake.{chunk.file_text()}.json" for chunk in self._chunks}
+        return records | output.names(self._places(), asset.udims, geometry)
+
+
+def chunk_size(frames: int, slots: int) -> int:
+    """Frames per task where nothing says how many.  slots: tasks that run at once by now."""
+    return min(math.ceil(frames / (slots * _TASKS)), _LARGEST)
+
+
+def check_cluster(address: str) -> None:
+    """Raise InputError where Dask is not installed and FarmError where no scheduler answers: before
+    an asset is built."""
+    check_installed()
+    if address != LOCAL:
+        with running_cluster(address):
+            pass
+
+
+@contextmanager
+def bake_cluster(request: BakeRequest) -> Iterator[Cluster]:
+    """The cluster that runs, or one of processes here, which end with the block. Raises FarmError
+    where no scheduler answers."""
+    if request.dask is not None and request.dask != LOCAL:
+        with running_cluster(request.dask) as cluster:
+            yield cluster
+        return
+    quiet = not verbosity().verbose
+    with (
+        temporary_folder("rhytid-dask-") as folder,
+        local_cluster(worker_devices(request), folder, quiet) as cluster,
+    ):
+        yield cluster
+
+
+def worker_devices(request: BakeRequest) -> list[str | None]:
+    """What RHYTID_DEVICE is in each process of a cluster here."""
+    named = request.service.device
+    gpus = [str(one.index) for one in candidates() if one.kind == "gpu"]
+    devices: list[str | None] = [*gpus] if gpus and named is None else [named]
+    each = len(gpus) if named is None else 0
+    count = request.dask_workers or each or _ON_ONE
+    return [devices[i % len(devices)] for i in range(count)]
