@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from openjd.model import decode_job_template
 
-from farm.bundles import SMALL, bake, template, values, write_shot
+from baking.bundles import SMALL, bake, template, values, write_shot
 from meshes import SmallMesh
 from rhytid.baking.farm.openjd_bundle import BakeJob, JobBundle
 from rhytid.baking.frame_names import FramePlace

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from baking.bundles import bake, maps, openjd, program, run_job, values, write_shot
 from cli.running import only_asset
 from face_data import Face
-from farm.bundles import bake, maps, openjd, program, run_job, values, write_shot
 from meshes import SmallMesh, bumpy_grid
 from rhytid.cli import main
 

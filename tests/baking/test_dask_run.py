@@ -10,7 +10,7 @@ from typing import Any, cast
 import dask
 import pytest
 
-from farm.fake_session import FakeJob, fake
+from baking.fake_session import FakeJob, fake
 from rhytid.baking.farm.chunks import (
     Chunk,
     ChunkDone,

@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from cli.fake_baking import ASSET, FakeEngine
+from baking.fake_engine import ASSET, FakeEngine
 from rhytid.baking.baker import Baker
 from rhytid.baking.frame_names import FrameRange
 from rhytid.baking.frames import FrameFiles

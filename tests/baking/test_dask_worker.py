@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import pytest
 
-from farm.fake_session import FakeJob, fake
+from baking.fake_session import FakeJob, fake
 from rhytid.baking.farm.bake_session import packed
 from rhytid.baking.farm.chunks import Chunk
 from rhytid.baking.farm.dask_worker import IDLE, HeldSession
