@@ -40,7 +40,7 @@ _STEP_TABLE = ("step", "times", "total s", "mean ms")
 class Verbosity:
     """How much a command says beside its results, warnings and errors.
 
-    for_job: whether progress goes to a worker agent of Open Job Description, not to a person.
+    for_job: whether a worker agent of Open Job Description reads the output, not a person.
     """
 
     quiet: bool = False
@@ -53,7 +53,7 @@ _verbosity = Verbosity()
 
 @contextmanager
 def use_verbosity(level: Verbosity) -> Iterator[None]:
-    """Within the block, commands say so much."""
+    """Set the verbosity of this process within the block."""
     global _verbosity
     before, _verbosity = _verbosity, level
     try:
@@ -63,12 +63,12 @@ def use_verbosity(level: Verbosity) -> Iterator[None]:
 
 
 def verbosity() -> Verbosity:
-    """How much to say now."""
+    """The verbosity that is set now."""
     return _verbosity
 
 
 def note(line: str) -> None:
-    """Print a line on stderr, above a bar that is being drawn; nothing where quiet."""
+    """Print a line on stderr, above a progress bar if there is one. Prints nothing where quiet."""
     if not _verbosity.quiet:
         tqdm.write(line, file=sys.stderr)
 
@@ -80,14 +80,16 @@ def detail(line: str) -> None:
 
 
 def openjd_line(kind: str, text: str) -> None:
-    """Tell a worker agent of Open Job Description something: `progress` (0 to 100), `status` or
-    `fail`. A line break in the text would end it."""
+    """Print a line for a worker agent of Open Job Description.  kind: `progress` (0 to 100),
+    `status` or `fail`. Line breaks in the text become spaces, because a line break would end the
+    message."""
     print(f"openjd_{kind}: {' '.join(text.split())}", flush=True)
 
 
 @contextmanager
 def share_bar(what: str) -> Iterator[Callable[[float, str], None]]:
-    """For work that knows its share from 0 to 1: call with the share and the stage."""
+    """Show the progress of work that knows its share. Call the result with the share, from 0 to 1,
+    and the name of the stage."""
     last, pace = (0.0, ""), _Pace()
 
     def line(seconds: float) -> str:
@@ -112,9 +114,10 @@ def share_bar(what: str) -> Iterator[Callable[[float, str], None]]:
 
 
 def counted(things: Sequence[Any], what: str, unit: str, opening: str = "") -> Iterable[Any]:
-    """Yields the items, and shows which of them is worked on.
+    """Yield the items, and show how many of them are done.
 
-    opening: what is said in place of the first one, where it is not what takes the time.
+    what, unit: words of the line, as in "baking: frame 3 of 10".  opening: words in place of the
+    number until the first item is done, where it is not the item itself that takes the time.
     """
     many, steps = len(things), _Steps(len(things))
 
@@ -141,7 +144,7 @@ def counted(things: Sequence[Any], what: str, unit: str, opening: str = "") -> I
 
 @contextmanager
 def working(what: str) -> Iterator[None]:
-    """For one step that does not know how far it is: shows how long it has taken."""
+    """Show how long a step takes that does not know its share."""
     detail(what)
     with _shown(lambda s: f"{what}, {s:.0f} s", desc=what, bar_format=_STEP_FORMAT, leave=False):
         yield
@@ -149,8 +152,8 @@ def working(what: str) -> Iterator[None]:
 
 @contextmanager
 def _shown(line: Callable[[float], str], **bar: Any) -> Iterator[tqdm]:
-    """A bar on a terminal; elsewhere what `line` says after so many seconds. A thread of its own
-    keeps both going: a step may take long."""
+    """A bar on a terminal; elsewhere a line that `line` makes of the seconds since the start. A
+    thread refreshes either, because a step may take long."""
     terminal, silent = sys.stderr.isatty(), verbosity().quiet or verbosity().for_job
     ended, start = threading.Event(), time.monotonic()
     with tqdm(disable=silent or not terminal, **bar) as shown:
@@ -175,7 +178,7 @@ def _shown(line: Callable[[float], str], **bar: Any) -> Iterator[tqdm]:
 
 
 class _Pace:
-    """Estimates how long work will take, from the time of its last step."""
+    """Estimates how long the rest of the work will take, from the time and the share so far."""
 
     def __init__(self) -> None:
         self._start, self._all = time.monotonic(), 0.0
@@ -190,13 +193,13 @@ class _Pace:
             self._all = self.seconds() / share
 
     def left(self, seconds: float) -> str:
-        """Words for what is left after so many seconds; none while nothing is done."""
+        """Words for the time that is left after so many seconds; empty before any share is done."""
         return _left(self._all - seconds) if self._all else ""
 
 
 class _Steps:
-    """Estimates how long steps that are alike will take, by the median of the last ones: the first
-    does what is done once, and those that are there already take no time."""
+    """Estimates how long the rest of similar steps will take. It uses the median of the last steps:
+    the first one includes work that is done once, and steps that are skipped take no time."""
 
     def __init__(self, many: int) -> None:
         self.done, self._many = 0, many
@@ -209,7 +212,7 @@ class _Steps:
         self.done, self._start = self.done + 1, now
 
     def left(self) -> str:
-        """Words for what is left now; none while no step is done."""
+        """Words for the time that is left now; empty before a step is done."""
         if not self._last:
             return ""
         usual, after = median(self._last), self._many - self.done - 1
@@ -223,7 +226,8 @@ def _left(seconds: float) -> str:
 
 
 def report(figures: Any, text: str, destination: Path | None) -> None:
-    """Print `text`; with a destination also write `figures` as JSON there, on stdout instead."""
+    """Print `text`, and write `figures` as JSON to the destination, if there is one. With STDOUT as
+    the destination the JSON is printed in place of the text."""
     if destination != STDOUT:
         print(text)
     if destination is not None:
@@ -231,7 +235,7 @@ def report(figures: Any, text: str, destination: Path | None) -> None:
 
 
 def write_json(figures: Any, destination: Path) -> None:
-    """Write figures as JSON to a file, whose folder is made, or to stdout."""
+    """Write figures as JSON to a file, whose folder is made where needed, or to stdout."""
     content = json.dumps(figures, indent=2)
     if destination == STDOUT:
         print(content)
@@ -242,7 +246,8 @@ def write_json(figures: Any, destination: Path) -> None:
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Text in columns: the first is left-aligned, as is one with text; a cell may be empty."""
+    """Text in columns. Columns of numbers are aligned right, the first one and columns with text
+    left. Cells may be empty."""
     cells = [[str(cell) for cell in row] for row in rows]
     columns = list(zip(header, *cells, strict=True))
     widths = [max(map(len, column)) for column in columns]
@@ -266,8 +271,8 @@ def _is_number(cell: str) -> bool:
 
 
 def make_place(file: Path | None) -> None:
-    """The folder of a file that will be written; raises InputError where that cannot be. Nothing
-    for stdout, or where there is no file."""
+    """Make the folder of a file that will be written, and check that the file can be. Does nothing
+    for STDOUT or None. Raises InputError naming the file."""
     if file in (None, STDOUT):
         return
     assert file is not None
@@ -279,7 +284,7 @@ def make_place(file: Path | None) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """A folder that files will be written to; raises InputError where that cannot be."""
+    """Make a folder, and check that files can be written to it. Raises InputError naming it."""
     _make(folder, folder)
 
 
@@ -296,30 +301,30 @@ def _make(folder: Path, written: Path) -> None:
 
 @dataclass
 class Stopwatch:
-    """Seconds of every call of a step, by the name of the step, in the order of first use."""
+    """Seconds of each call of a step, by the name of the step, in the order of first use."""
 
     seconds: dict[str, list[float]] = field(default_factory=dict)
 
     @contextmanager
     def step(self, name: str) -> Iterator[None]:
-        """Time the block as one call of a step; one that fails is not counted."""
+        """Time the block as one call of a step. A block that raises is not counted."""
         start = time.perf_counter()
         yield
         self.add(name, time.perf_counter() - start)
 
     def add(self, name: str, seconds: float) -> None:
-        """Count one call."""
+        """Add one call of a step."""
         self.seconds.setdefault(name, []).append(seconds)
 
     def figures(self) -> dict[str, dict[str, float]]:
-        """Calls and seconds by step, for JSON."""
+        """Calls and total seconds of each step, for JSON."""
         return {
             name: {"calls": len(spent), "seconds": round(sum(spent), 6)}
             for name, spent in self.seconds.items()
         }
 
     def table(self) -> str:
-        """The same for people."""
+        """The same as text in columns."""
         rows = [
             (name, len(spent), f"{sum(spent):.2f}", f"{1000 * sum(spent) / len(spent):.0f}")
             for name, spent in self.seconds.items()

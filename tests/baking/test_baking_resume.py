@@ -200,7 +200,7 @@ def test_nothing_else_is_left_behind(engine: FakeEngine, tmp_path: Path) -> None
 
 
 def mixed(done: Baker) -> list[str]:
-    return [one.code for one in done.warned.warnings]
+    return [one.code for one in done.warnings.found]
 
 
 def test_parts_that_two_devices_draw_are_told(engine: FakeEngine, tmp_path: Path) -> None:
@@ -224,6 +224,6 @@ def test_mixed_devices_are_an_error_where_strict(engine: FakeEngine, tmp_path: P
     bake(engine, tmp_path, [0.5, 0.25], part="1")
     engine.revision = 1
     second = baker(engine, tmp_path, [0.5, 0.25], part="2")
-    second.warned = RunWarnings("bake", True)
+    second.warnings = RunWarnings("bake", True)
     with pytest.raises(StrictError, match="devices-mixed"):
         second.run()

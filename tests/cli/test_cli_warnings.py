@@ -264,7 +264,7 @@ def test_a_long_shot_is_told_in_a_few_lines(capsys: pytest.CaptureFixture[str]) 
     assert len(capsys.readouterr().err.splitlines()) == 3
     warned.frame([InputWarning("stretch-at-clamp", "y", "?")], "0000")
     assert len(capsys.readouterr().err.splitlines()) == 1
-    warned.count()
+    warned.summarize()
     (told,) = capsys.readouterr().err.splitlines()
     assert told == (
         "rhytid bake: 401 warnings, listed above (3 of 400 frame-scaled); `rhytid warnings "
@@ -278,7 +278,7 @@ def test_what_is_allowed_is_marked_and_counted(capsys: pytest.CaptureFixture[str
     warned.frame([InputWarning("frame-scaled", "x", "?")], "0001")
     with pytest.raises(StrictError):
         warned.frame([InputWarning("stretch-at-clamp", "y", "?")], "0002")
-    warned.count()
+    warned.summarize()
     assert capsys.readouterr().err.splitlines() == [
         "rhytid bake: allowed warning: frame-scaled: frame 0001: x",
         "rhytid bake: warning: stretch-at-clamp: frame 0002: y",

@@ -1,4 +1,4 @@
-"""Assets that commands use: built, of the store, or of a store that several machines share."""
+"""Assets that commands use: built, from the store, or from a store that several machines share."""
 
 from __future__ import annotations
 
@@ -35,15 +35,19 @@ if TYPE_CHECKING:
 _SHOWN_SECONDS = 0.2
 
 
-def build(engine: Engine, new: NewAsset, warned: RunWarnings) -> AssetInfo:
-    """Have an asset built and return it ready; raises ConflictError with the reason if it fails."""
+def build(engine: Engine, new: NewAsset, warnings: RunWarnings) -> AssetInfo:
+    """Build an asset, and return it when it is ready.
+
+    Prints its warnings and notices. Raises ConflictError with the reason where the build fails, and
+    StrictError where warnings are errors.
+    """
     asset = engine.assets.create(new)
-    warned.settings(asset.warnings)
+    warnings.settings(asset.warnings)
     if asset.state == "building" and new.graph is None:
         graph = new.settings.for_synthesis().graph
         wrinkles = check_amount(new.mesh, graph, new.controls, sys.maxsize)
-        warned.note(str(BuildSize.of(new.mesh, wrinkles)))
-        warned.notice(notice for notice in asset.notices if notice.code == LARGE_BUILD)
+        warnings.note(str(BuildSize.of(new.mesh, wrinkles)))
+        warnings.add_notices(notice for notice in asset.notices if notice.code == LARGE_BUILD)
     job = None
     if asset.job is not None:
         job = _wait(engine.jobs.get(asset.job), "building")
@@ -56,16 +60,16 @@ def build(engine: Engine, new: NewAsset, warned: RunWarnings) -> AssetInfo:
     engine.shared.push(asset.id)
     if new.graph is None and asset.statistics is not None:
         settings = AssetSettings.parse(asset.settings)
-        warned.lengths(settings, asset.statistics["distance"])
-    warned.notice(asset.notices)
+        warnings.lengths(settings, asset.statistics["distance"])
+    warnings.add_notices(asset.notices)
     return asset
 
 
 def stored(engine: Engine, id: str, mesh: Mesh, resolution: int | None = None) -> AssetInfo:
-    """A built asset of the store, or the same skin at another resolution.
+    """Return a built asset of the store, resized to `resolution` texels per side if given.
 
-    Raises InputError where it is of another mesh, NotFoundError where it is not there, and
-    ConflictError where it is not ready.
+    Raises NotFoundError where the store lacks it, ConflictError where it is not ready, and
+    InputError where it is of another mesh.
     """
     asset = engine.assets.info(id)
     if asset.state != "ready":
@@ -91,8 +95,11 @@ def naming_store(store: Path) -> Iterator[None]:
 
 
 def fetch(settings: ServiceSettings, asset: str, watch: Stopwatch) -> None:
-    """Fetch an asset from the shared store of the settings, before an engine opens the store; a
-    step of its own. Does nothing where there is no shared store, or it lacks the asset."""
+    """Fetch an asset from the shared store of the settings into the store.
+
+    No engine may have the store open. Does nothing where there is no shared store, or where it
+    lacks the asset. The time is a step of `watch`.
+    """
     from rhytid.storage.shared.mirror import StoreMirror
     from rhytid.storage.shared.shared_store import SharedStore
     from rhytid.storage.store import AssetStore
@@ -100,18 +107,18 @@ def fetch(settings: ServiceSettings, asset: str, watch: Stopwatch) -> None:
     if settings.shared_store is None:
         return
     shared, start = SharedStore.at(settings.shared_store), perf_counter()
-    with (
-        AssetStore(settings.store) as store,
-        suppress(NotFoundError),
-    ):  # told where the asset is used
+    # That it is in neither is an error where the asset is used.
+    with AssetStore(settings.store) as store, suppress(NotFoundError):
         if bring(StoreMirror(store, shared), asset):
             watch.add("fetch", perf_counter() - start)
 
 
 def bring(mirror: StoreMirror, asset: str) -> bool:
-    """Fetch an asset of the shared store that the store lacks, or has older; whether it was
-    fetched. Where the shared store cannot be used and the asset is here, it stays as it is, and the
-    user is told."""
+    """Fetch an asset that the store lacks or has in another version; return whether it was fetched.
+
+    Where the shared store cannot be used but the store has the asset, that one is kept, and a note
+    says so. Else raises SharedStoreError or SharedDamageError.
+    """
     try:
         with working(f"fetching asset {asset}"):
             return mirror.bring(asset, lambda share, file: None)
@@ -123,8 +130,10 @@ def bring(mirror: StoreMirror, asset: str) -> bool:
 
 
 def share(engine: Engine, asset: str) -> None:
-    """Wait until the shared store, if there is one, has an asset as it is now. Where that fails the
-    user is told: what was made of the asset is good."""
+    """Push an asset to the shared store, if there is one, and wait until it is there.
+
+    A failure is only noted: the asset itself is good.
+    """
     job = engine.shared.push(asset)
     if job is None:
         return
@@ -134,19 +143,19 @@ def share(engine: Engine, asset: str) -> None:
 
 
 def finish(engine: Engine, job: JobInfo, what: str) -> None:
-    """Wait until a job is done; raises ConflictError with the reason if it fails."""
+    """Wait until a job is done. Raises ConflictError with the reason where it fails."""
     ended = _wait(engine.jobs.get(job.id), what)
     if ended.info.state != "done":
         raise ConflictError(f"{what}: {_reason(ended)}")
 
 
 def _reason(job: Job) -> str:
-    """Why a job was not done, in full: a command tells its user what a server keeps to its log."""
+    """Why a job was not done, in full: the user of a command may read what a server only logs."""
     return job.reason or job.info.detail or job.info.state
 
 
 def _wait(job: Job, what: str) -> Job:
-    """A job that has ended; shows how far it is until then."""
+    """Show the progress of a job until it has ended, and return it."""
     with share_bar(what) as show:
         while not job.wait(_SHOWN_SECONDS):
             show(job.info.progress, job.info.stage)

@@ -1,4 +1,4 @@
-"""A bake from its request to its summary: reads, builds, draws and writes."""
+"""A bake from its request to its summary."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from rhytid.settings import ServiceSettings
 from rhytid.unfinished import temporary_folder
 
 
-def bake(request: BakeRequest, warned: RunWarnings) -> BakeSummary:
-    """Bake what is not baked yet, or write the job bundle that the request asks for.
+def bake(request: BakeRequest, warnings: RunWarnings) -> BakeSummary:
+    """Bake the maps that are not baked yet, or write a job bundle, as the request asks.
 
-    Raises InputError and LimitError naming the file that cannot be used, ConflictError where the
-    asset cannot be built, StrictError where warnings are errors, and FarmError where a cluster does
-    not work.
+    Raises InputError, LimitError and SettingsError naming the file or the setting, ConflictError
+    where the asset cannot be built or used, NotFoundError where it is missing, StrictError where
+    warnings are errors, and FarmError where a cluster does not work.
     """
-    inputs = BakeInputs.read(request, warned)
+    inputs = BakeInputs.read(request, warnings)
     if request.dask is not None:
         check_cluster(request.dask)
     make_folder(request.openjd or request.out)
@@ -37,7 +37,7 @@ def bake(request: BakeRequest, warned: RunWarnings) -> BakeSummary:
         note(f"rhytid: {inputs.size(inputs.new.settings.resolution).text()}")
     watch = Stopwatch()
     with _service(request, watch) as service, closing(Engine(service)) as engine:
-        baker = _baker(request, engine, inputs, watch, warned, service.store)
+        baker = _baker(request, engine, inputs, watch, warnings, service.store)
         if request.query.method == "binned" and not inputs.range_fixed:
             baker.calibrate()
         run = _maps if request.openjd is None else write_job
@@ -49,8 +49,8 @@ def bake(request: BakeRequest, warned: RunWarnings) -> BakeSummary:
 
 @contextmanager
 def _service(request: BakeRequest, watch: Stopwatch) -> Iterator[ServiceSettings]:
-    """The settings of the engine; without a store its assets last as long as the block. An asset
-    that is named is fetched from the shared store before."""
+    """The settings of the engine. Without a store the assets last as long as the block. An asset
+    that the request names is fetched from the shared store first."""
     with temporary_folder("rhytid-") as folder:
         service = replace(request.service, store=request.store or folder)
         if request.asset is not None:
@@ -63,26 +63,26 @@ def _baker(
     engine: Engine,
     inputs: BakeInputs,
     watch: Stopwatch,
-    warned: RunWarnings,
+    warnings: RunWarnings,
     store: Path,
 ) -> Baker:
-    """A baker with the asset of the request, which is built where it has to be."""
+    """A baker with the asset of the request, which is built or taken from the store."""
     if inputs.new is not None:
         with watch.step("build"):
-            asset = build(engine, inputs.new, warned)
+            asset = build(engine, inputs.new, warnings)
     else:
         assert request.asset is not None
         with naming_store(store):
             asset = stored(engine, request.asset, inputs.mesh, request.resolution)
     output = inputs.output(request.out)
     return Baker(
-        engine, asset, inputs.mesh, request.query, inputs.frames, output, watch, warned,
+        engine, asset, inputs.mesh, request.query, inputs.frames, output, watch, warnings,
         inputs.geometry,
     )  # fmt: skip
 
 
 def _maps(request: BakeRequest, baker: Baker, inputs: BakeInputs) -> BakeSummary:
-    """Write the maps, here or on a cluster."""
+    """Write the maps, on this machine or on a cluster."""
     sweep(request.out)
     cluster = None if request.dask is None else DaskBake(request, inputs, baker)
     (cluster or baker).run()
@@ -93,7 +93,7 @@ def _maps(request: BakeRequest, baker: Baker, inputs: BakeInputs) -> BakeSummary
         "skipped": baker.skipped,
         "bytes_at_most": asdict(inputs.size(baker.asset.settings["resolution"])),
         "steps": baker.watch.figures(),
-        **baker.warned.all_figures(),
+        **baker.warnings.all_figures(),
         **({} if cluster is None else {"cluster": asdict(cluster.figures)}),
     }
     what = plural(baker.written, "map" if request.geometry is None else "file")

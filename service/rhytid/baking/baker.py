@@ -41,7 +41,10 @@ _DIGITS = 16
 
 @dataclass
 class Baker:
-    """One asset, its frames and what is to be drawn of them."""
+    """Draws the frames of one asset and writes them as files, by the engine of this process.
+
+    written, skipped: number of files that were written, or were there already.
+    """
 
     engine: Engine
     asset: AssetInfo
@@ -50,14 +53,14 @@ class Baker:
     frames: FrameFiles
     output: Output
     watch: Stopwatch
-    warned: RunWarnings
+    warnings: RunWarnings
     geometry: Geometry | None = None
     written: int = 0
     skipped: int = 0
 
     def calibrate(self) -> None:
-        """Set the range of the precomputed maps from the frame that stretches most, of all frames:
-        parts that are drawn apart fit together."""
+        """Set the range of the precomputed maps from the frame that stretches most. All frames
+        count, also where only some are baked, so that parts fit together."""
         places = counted(self.frames.places, "measuring", "frame")
         most = max(places, key=lambda place: self._measure(place))
         with self.watch.step("bins"):
@@ -65,13 +68,13 @@ class Baker:
             finish(self.engine, job, "bins")
 
     def run(self) -> None:
-        """Write every file that is not done."""
+        """Write every file that is missing or out of date."""
         places = self.output.places(self.frames.places)
         self.write(counted(places, "baking", "frame"))
 
     def write(self, places: Iterable[FramePlace]) -> None:
-        """Write the files of these frames that are not done; a frame is done when the next one is
-        asked for."""
+        """Write the files of these frames that are missing or out of date. A frame is done when the
+        next one is taken from `places`."""
         record, sources = self.output.record(self.engine.tiles.drawn_by), self._sources
         for place in places:
             with self.watch.step("stretch"):
@@ -91,7 +94,7 @@ class Baker:
                 self._surface(self.geometry, record, place, plans, heights, surface)
             self.engine.frames.delete(self.asset.id, place.label)
         if self.written:
-            self.warned.drawn_by(self.output.drawn_by(self.engine.tiles.drawn_by))
+            self.warnings.drawn_by(self.output.drawn_by(self.engine.tiles.drawn_by))
 
     @cached_property
     def _sources(self) -> MapSources:
@@ -113,7 +116,7 @@ class Baker:
         drawn: FrameMap,
         surface: FrameSurface,
     ) -> None:
-        """Write one map in one profile, where it is not done."""
+        """Write one map in one profile, unless it is done."""
         # A map of the neutral is the same in all frames, what is made of positions is not.
         key = f"{plan.key}-{profile.key}{surface.digest() if profile.posed else ''}"
         if record.done(file, key):
@@ -137,7 +140,7 @@ class Baker:
         heights: Mapping[int, Callable[[], Texels]],
         surface: FrameSurface,
     ) -> None:
-        """Write the surface that the maps of a frame displace, where it is not done."""
+        """Write the surface that the maps of a frame displace, unless it is done."""
         file = self.output.geometry_file(place, geometry.format)
         keys = [surface.digest(), *(plan.key for plan in plans.values())]
         key = hashlib.sha256("\n".join([*keys, geometry.words]).encode()).hexdigest()
@@ -160,15 +163,16 @@ class Baker:
     def _put(self, place: FramePlace) -> float:
         positions = self.frames.read(place)
         info = self.engine.frames.put(self.asset.id, place.label, positions)
-        self.warned.frame(info.warnings, place.name)
+        self.warnings.frame(info.warnings, place.name)
         return info.log_stretch["abs_p90"]
 
 
 @dataclass(frozen=True, eq=False)
 class FrameSurface:
-    """The surface of one frame: for normal maps, and its stretch as weights.
+    """The surface of one frame; each part is computed when it is first called.
 
-    digest: 16 hex digits that name its positions.
+    digest: 16 hex digits that name the positions.  posed: the mesh in the frame, for normal maps.
+    weights: stretch as weights of corners.
     """
 
     digest: Callable[[], str]
@@ -177,8 +181,10 @@ class FrameSurface:
 
 
 class MapSources:
-    """The maps of an asset. Its charts are kept, 10 bytes per texel of each UDIM; paddings, which
-    are all that floats need, are small."""
+    """Makes the maps of an asset from its mesh and its frames.
+
+    Charts are kept, 10 bytes per texel of each UDIM, and so are paddings, which are small.
+    """
 
     def __init__(self, engine: Engine, asset: AssetInfo, mesh: Mesh) -> None:
         self._engine, self._asset, self._mesh = engine, asset, mesh
@@ -188,7 +194,7 @@ class MapSources:
         self._paddings: dict[int, Padding] = {}
 
     def surface(self, frame: str, positions: Callable[[], NDArray[np.float32]]) -> FrameSurface:
-        """Of a frame that the engine holds, and what reads its positions (V, 3)."""
+        """The surface of a frame that the engine holds.  positions: reads (V, 3) positions."""
         engine, asset, mesh = self._engine, self._asset.id, self._mesh
         return FrameSurface(
             cache(lambda: engine.frames.digest(asset, frame)[:_DIGITS]),
@@ -199,7 +205,7 @@ class MapSources:
     def map(
         self, surface: FrameSurface, plan: TilePlan, heights: Callable[[], NDArray[np.float32]]
     ) -> FrameMap:
-        """A planned map, whose displacement `heights` draws."""
+        """The map of a plan.  heights: draws its displacement."""
         udim = plan.header.udim
         return FrameMap(
             plan.header,
@@ -227,14 +233,18 @@ class MapSources:
 
 
 class Geometry:
-    """Displaced surfaces of a mesh, each triangle cut in four `levels` times, as GLB or PLY."""
+    """Displaced surfaces of a mesh, each of whose triangles is cut in four `levels` times.
+
+    format: `glb` or `ply`.  words: what makes these surfaces differ from others of the same maps.
+    """
 
     def __init__(self, mesh: Mesh, format: str, levels: int) -> None:
         self.format, self.words = format, f"{format} {levels} padded"
         self._cut = Subdivided.of(mesh, levels)
 
     def write(self, file: Path, positions: NDArray[np.float32], maps: Mapping[int, Texels]) -> None:
-        """The surface of a frame; the file is there when it is whole."""
+        """Write the surface of a frame; the file appears when it is complete.  positions: (V, 3).
+        maps: displacement by UDIM."""
         data = mesh_format(self.format).write(self._cut.moved(positions, maps))
         with whole(file) as aside:
             write_file(aside, data)

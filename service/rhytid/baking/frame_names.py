@@ -1,4 +1,4 @@
-"""Frames of an animation by their names and numbers: `1-10,15,20-30:2`."""
+"""Names and numbers of the frames of an animation, and ranges of them: `1-10,15,20-30:2`."""
 
 from __future__ import annotations
 
@@ -22,8 +22,11 @@ _MOST, _LONGEST = 1_000_000, 64
 
 @dataclass(frozen=True)
 class FramePlace:
-    """The name of a frame, and its place: the `index`-th of a file, None for the file of the
-    mesh."""
+    """A frame and where it is stored.
+
+    label: its name in names of files.  file: None for the file of the mesh.  index: its position in
+    the file, from 0.
+    """
 
     label: str
     file: Path | None
@@ -31,25 +34,25 @@ class FramePlace:
 
     @property
     def name(self) -> str:
-        """Its label, and the file that holds the frame."""
+        """The label, and the file if there is one."""
         return self.label if self.file is None else f"{self.label} of {self.file.name}"
 
 
 @dataclass(frozen=True)
 class FrameRange:
-    """Numbers of frames, ascending and each once."""
+    """A set of frame numbers, in ascending order."""
 
     numbers: tuple[int, ...]
 
     @classmethod
     def of(cls, numbers: Iterable[int]) -> FrameRange:
-        """A range of numbers in any order."""
+        """The range of numbers in any order."""
         return cls(tuple(sorted(set(numbers))))
 
     @classmethod
     def parse(cls, text: str) -> FrameRange:
-        """Numbers and ranges with commas between them, as OpenJD writes them; `:2` takes every
-        second. Raises InputError naming the part that is no range."""
+        """Read numbers and ranges with commas between them, as OpenJD writes them; `1-9:2` takes
+        every second. Raises InputError naming the part that is no range."""
         return cls.of(number for part in text.split(",") for number in _numbers(part))
 
     def text(self) -> str:
@@ -57,13 +60,13 @@ class FrameRange:
         return ",".join(map(_run, _runs(self.numbers)))
 
     def file_text(self) -> str:
-        """The range as part of the name of a file; a long one as a digest."""
+        """The range as part of the name of a file. A long one becomes a digest."""
         text = self.text().replace(":", "x")  # which names of files may have everywhere
         return text if len(text) <= _LONGEST else f"h{_hash(text)}"
 
     @classmethod
     def of_file_text(cls, text: str) -> FrameRange | None:
-        """The inverse of `file_text`; None of a digest."""
+        """The inverse of `file_text`; None for a digest."""
         if _DIGEST.fullmatch(text):
             return None
         try:
@@ -72,13 +75,13 @@ class FrameRange:
             return None
 
     def chunks(self, frames: int) -> list[FrameRange]:
-        """The range in ranges of so many frames; the last may have fewer."""
+        """Split the range into ranges of `frames` numbers; the last one may have fewer."""
         starts = range(0, len(self.numbers), frames)
         return [FrameRange(self.numbers[start : start + frames]) for start in starts]
 
     def select(self, places: Sequence[FramePlace]) -> list[FramePlace]:
-        """The frames of these numbers, in their order; raises InputError for one that there is
-        not."""
+        """The frames of these numbers, in ascending order. Raises InputError naming numbers that no
+        frame has."""
         numbered = dict(zip(frame_numbers(places), places, strict=True))
         missing = FrameRange(tuple(n for n in self.numbers if n not in numbered))
         if missing.numbers:
@@ -88,8 +91,8 @@ class FrameRange:
 
 
 def frame_numbers(places: Sequence[FramePlace]) -> list[int]:
-    """The number of each frame: its name, or its position from 1 where one of them has a name that
-    is no number."""
+    """The number of each frame: its label, or, where not all labels are numbers, its position from
+    1."""
     if all(_LABEL.fullmatch(place.label) for place in places):
         return [int(place.label) for place in places]
     return list(range(1, len(places) + 1))
@@ -98,9 +101,10 @@ def frame_numbers(places: Sequence[FramePlace]) -> list[int]:
 def own_labels(
     files: Sequence[Path | None], numbers: Sequence[tuple[int, ...] | None]
 ) -> list[str] | None:
-    """The frame numbers that the files themselves give; None where one gives none.
+    """Labels of frames whose files number them; None where a file does not.
 
-    Raises FrameError where two files have frames of one number.
+    files, numbers: each file, and the numbers of its frames. Raises FrameError where two files have
+    a frame of the same number.
     """
     seen: dict[int, Path | None] = {}
     for file, own in zip(files, numbers, strict=True):
@@ -113,11 +117,12 @@ def own_labels(
 
 
 def frame_labels(files: Sequence[Path | None], counts: Sequence[int]) -> list[str]:
-    """A name for every frame of files that hold `counts` frames each.
+    """Labels of frames whose files do not number them.
 
-    Where every file holds one frame: the digits at the end of the files' names, or, where not all
-    have them, the names. Else, and where names are the same or cannot serve, 0001, 0002, …
-    Raises FrameError where two files have the same number.
+    files, counts: each file, and how many frames it holds. Where every file holds one frame, its
+    label is the number at the end of the name of the file; where not all names have one, the name
+    itself. In all other cases, and where names are equal or cannot be labels, frames are counted
+    from 0001. Raises FrameError where two files have the same number.
     """
     if not all(file is not None and count == 1 for file, count in zip(files, counts, strict=True)):
         return _counted(sum(counts))
@@ -131,12 +136,14 @@ def frame_labels(files: Sequence[Path | None], counts: Sequence[int]) -> list[st
 
 
 def is_file_name(text: str) -> bool:
-    """Whether a text may be a part of the names of written files, which dots divide."""
+    """Whether a text may be a part of the names of written files, whose parts are divided by
+    dots."""
     return _FILE_NAME.fullmatch(text) is not None
 
 
 def check_file_name(text: str) -> str:
-    """The text; raises InputError where it cannot be a part of the names of written files."""
+    """Return the text. Raises InputError where it cannot be a part of the names of written
+    files."""
     if not is_file_name(text):
         rule = "a letter or digit, then up to 63 letters, digits, '_' or '-'"
         raise InputError(f"{text!r}: use {rule}")
@@ -161,7 +168,7 @@ def _numbers(part: str) -> range:
 
 
 def _runs(numbers: Sequence[int]) -> Iterator[Sequence[int]]:
-    """Numbers in even steps, as many as there are of each; two are a run in steps of 1 alone."""
+    """Split numbers into runs of even steps. Two numbers are a run only where the step is 1."""
     start = 0
     while start < len(numbers):
         rest = numbers[start : start + 2]

@@ -25,11 +25,13 @@ Frames = NDArray[np.float32]
 
 
 class FrameFiles:
-    """The frames of some files, or of the mesh file where no files are given; or those that are
-    listed one by one, whose files are then not looked into before they are read.
+    """The frames of some files; of the mesh file, where no files are given.
 
-    Frames are read when they are asked for; one file is kept, of a geometry cache one frame. Raises
-    FrameError naming the file that cannot be used, or where there is no frame at all.
+    Frames are read when they are asked for. The last file is kept, of a geometry cache its last
+    frame. Frames that are given one by one, as places, are not looked for until they are read.
+
+    places: the frames, in order. Raises FrameError naming the file that cannot be used, or where
+    there is no frame.
     """
 
     def __init__(
@@ -59,8 +61,8 @@ class FrameFiles:
         return [FramePlace(n, f, i) for n, (f, i) in zip(labels, where, strict=True)]
 
     def read(self, place: FramePlace) -> Frames:
-        """(V, 3) float32 positions of one frame, less the centre of its mesh; raises FrameError
-        where its file holds fewer."""
+        """(V, 3) float32 positions of one frame, relative to the centre of the mesh. Raises
+        FrameError where the file does not hold the frame."""
         frames = self._file(place.file)
         if place.index >= len(frames):
             held = plural(len(frames), "frame")
@@ -68,7 +70,7 @@ class FrameFiles:
         return frames.read(place.index)
 
     def _facts(self, file: Path | None) -> tuple[int, tuple[int, ...] | None]:
-        """How many frames a file holds, and the numbers that it gives them."""
+        """How many frames a file holds, and their numbers if it has any."""
         # An OBJ is one frame, however long it takes to read.
         if file is not None and file.suffix.lower() == ".obj":
             return 1, None
@@ -84,11 +86,10 @@ class FrameFiles:
 
 
 def read_frames_list(listing: Path, folder: Path) -> list[Path] | list[FramePlace]:
-    """The files of a list, or its frames where all lines are frames; names are relative to the
-    folder.
+    """The files that a list names, or the frames where its lines are frames.
 
-    Raises InputError naming the list and the line of what cannot be used, as a file that is not
-    there; files of single frames are not looked for.
+    folder: names in the list are relative to it. Raises InputError naming the list and the line
+    that cannot be used; a file of frames must exist, that of a single frame is not looked for.
     """
     try:
         text = listing.read_text(encoding="utf-8-sig")
@@ -124,9 +125,10 @@ def _frames(listing: Path, folder: Path, lines: Mapping[int, str]) -> list[Frame
 
 
 def frames_list(places: Iterable[FramePlace], folder: Path) -> str:
-    """The text of a list of frames, all of which are in files in or below the folder.
+    """The text of a list of frames. Frames of the mesh file are left out.
 
-    Raises InputError naming a file whose name a list cannot hold.
+    folder: names in the list are relative to it. Raises InputError naming a file whose name a list
+    cannot hold.
     """
     return "".join(
         f"{place.label}\t{place.index}\t{_listed(place.file, folder)}\n"
@@ -152,7 +154,7 @@ def frame_sources(places: Sequence[FramePlace]) -> list[Path]:
 
 
 def check_sources(places: Sequence[FramePlace]) -> None:
-    """Raise InputError naming the first frame whose file is not there."""
+    """Raise InputError naming the first frame whose file does not exist."""
     there = {file for file in frame_sources(places) if file.is_file()}
     for place in places:
         if place.file is not None and place.file not in there:

@@ -1,4 +1,4 @@
-"""Reads the files that a command line names; an error names the file that it is about."""
+"""Reads the files that a command line names. Every error names its file."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from rhytid.formats.painted import read_controls, read_stiffness
 
 
 def mesh_file(file: Path, clip: Clip | None = None) -> MeshFile:
-    """A neutral mesh, with the frames of a .npz or of a geometry cache that holds them."""
+    """Read a neutral mesh, with the frames and shapes that the file holds."""
     with _named(file), working(f"reading {file.name}"):
         found = read_mesh_file(file, clip)
     make = found.animation
@@ -43,7 +43,7 @@ def mesh_file(file: Path, clip: Clip | None = None) -> MeshFile:
 
 
 def frame_file(file: Path, vertices: int, centre: Centre = ORIGIN) -> NDArray[np.float32]:
-    """(N, V, 3) positions, less the centre of their mesh: the frames of one file."""
+    """(N, V, 3) positions of the frames of one file, relative to the centre of their mesh."""
     with _named(file):
         return read_frame_file(file.read_bytes(), file.name, vertices, centre)
 
@@ -51,7 +51,8 @@ def frame_file(file: Path, vertices: int, centre: Centre = ORIGIN) -> NDArray[np
 def frame_set(
     file: Path, vertices: int, centre: Centre = ORIGIN, clip: Clip | None = None
 ) -> FrameSet:
-    """The same as a set: frames of a geometry cache are read when they are asked for."""
+    """The frames of one file as a set. Those of a geometry cache are read when they are asked
+    for."""
     with _named(file):
         check_frame_file(file)
     if not is_cache(file):
@@ -60,8 +61,8 @@ def frame_set(
 
 
 def shape_files(place: Path | None, mesh: MeshFile, clip: Clip | None = None) -> Expressions | None:
-    """The expressions in a file, or in the OBJ files of a folder, by their names; of the mesh file
-    where nothing is named."""
+    """Read expressions from a file, or from the OBJ files of a folder by their names; without a
+    place, those of the mesh file."""
     if place is None:
         return mesh.expressions
     vertices, centre = len(mesh.mesh.positions), mesh.mesh.centre
@@ -80,19 +81,20 @@ def shape_files(place: Path | None, mesh: MeshFile, clip: Clip | None = None) ->
 
 
 def graph_file(file: Path) -> WrinkleGraph:
-    """A wrinkle graph."""
+    """Read a wrinkle graph."""
     with _named(file):
         return read_graph(file.read_bytes())
 
 
 def stiffness_files(files: Sequence[Path], mesh: Mesh) -> Stiffness | None:
-    """Stiffness maps by the UDIM in their names; None where there are no files."""
+    """Read stiffness maps; each name of a file holds a UDIM. None where there are no files."""
     images = [(str(file), file.read_bytes()) for file in files]
     return read_stiffness(images, mesh_udims(mesh)) if images else None
 
 
 def control_files(files: Mapping[str, Sequence[Path]], mesh: Mesh) -> Controls | None:
-    """Control maps of synthesis by name, and by the UDIM in the names of their files."""
+    """Read control maps; each name of a file holds a UDIM.  files: by the name of the control. None
+    where there are no files."""
     images = {
         name: [(str(file), file.read_bytes()) for file in named] for name, named in files.items()
     }

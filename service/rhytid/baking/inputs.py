@@ -1,4 +1,4 @@
-"""What a bake reads before it builds anything."""
+"""The files of a bake, read and checked before anything is built."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from rhytid.textures.profiles import Profile
 
 @dataclass(frozen=True)
 class BakeInputs:
-    """What a request and the files that it names ask for.
+    """The contents of the files that a request names.
 
-    new: the asset to build; None where a built one is used.  part: the frames to bake; None bakes
-    all.  name: first part of the names of files.  range_fixed: whether the settings, or the built
-    asset, fix the range of the precomputed maps.
+    new: the asset to build; None where a built one is used.  part: the frames to bake; None for
+    all.  name: first part of the names of files.  range_fixed: whether the range of the precomputed
+    maps is given, by the settings or by the built asset.
     """
 
     mesh: Mesh
@@ -49,14 +49,14 @@ class BakeInputs:
     range_fixed: bool
 
     @classmethod
-    def read(cls, request: BakeRequest, warned: RunWarnings) -> BakeInputs:
-        """Read everything, and warn of what is doubtful in it. Raises InputError, LimitError and
+    def read(cls, request: BakeRequest, warnings: RunWarnings) -> BakeInputs:
+        """Read and check all files, and print warnings. Raises InputError, LimitError and
         SettingsError naming the file or the setting."""
         skin = request.skin
         given = {} if skin is None else dict(skin.settings)
         AssetSettings.parse(given)
         mesh = mesh_file(request.mesh, request.clip)
-        warned.notes(mesh.notes)
+        warnings.notes(mesh.notes)
         frames, part = FrameFiles(mesh, _files(request), request.clip), request.part
         check_sources(frames.places if part is None else part.select(frames.places))
         new = None
@@ -65,8 +65,8 @@ class BakeInputs:
                 given = {"unit": mesh.unit, **given}
             settings = AssetSettings.parse(given)
             name, unit = request.mesh.name, settings.length_unit
-            warned.inputs(mesh.mesh, name, unit, settings.resolution, frames)
-            new = new_asset(skin, mesh, settings.named_after(name), request.clip, warned)
+            warnings.inputs(mesh.mesh, name, unit, settings.resolution, frames)
+            new = new_asset(skin, mesh, settings.named_after(name), request.clip, warnings)
         geometry = None
         if request.geometry is not None:
             geometry = Geometry(mesh.mesh, request.geometry, request.subdivide)
@@ -75,11 +75,11 @@ class BakeInputs:
         return cls(mesh.mesh, new, frames, part, request.profiles, geometry, name, fixed)
 
     def output(self, folder: Path) -> Output:
-        """Where the maps go."""
+        """The files of the maps, in a folder."""
         return Output(folder, self.name, self.profiles, self.part)
 
     def size(self, resolution: int) -> BakeSize:
-        """Bytes that the maps take at most, of `resolution` texels per side."""
+        """The largest size of the maps, at `resolution` texels per side."""
         udims, frames = len(mesh_udims(self.mesh)), self.output(Path()).places(self.frames.places)
         return BakeSize.of(self.profiles, resolution, udims, len(frames))
 
@@ -89,15 +89,13 @@ def new_asset(
     mesh: MeshFile,
     settings: AssetSettings,
     clip: Clip,
-    warned: RunWarnings,
+    warnings: RunWarnings,
 ) -> NewAsset:
-    """The asset of a request on a mesh. Raises InputError naming the file.
-
-    settings: those of the request, parsed.
-    """
+    """The asset that a request asks for on a mesh.  settings: those of the request, parsed. Raises
+    InputError naming the file."""
     graph = graph_file(skin.graph) if skin.graph else None
     if graph is not None:
-        warned.settings(settings_unused(settings))
+        warnings.settings(settings_unused(settings))
     return NewAsset(
         mesh.mesh,
         settings,
@@ -110,7 +108,7 @@ def new_asset(
 
 
 def _files(request: BakeRequest) -> Sequence[Path] | Sequence[FramePlace]:
-    """Files of frames, or the frames that a list names; none where neither is given."""
+    """Files of frames, or the frames that a list names; empty where the request has neither."""
     listing = request.frames_list
     if request.frames or listing is None:
         return request.frames
@@ -118,7 +116,8 @@ def _files(request: BakeRequest) -> Sequence[Path] | Sequence[FramePlace]:
 
 
 def _own_name(mesh: Path) -> str:
-    """The name that files have by their mesh; raises InputError where it cannot serve."""
+    """The name of the mesh file as first part of the names of files; raises InputError where it
+    cannot be."""
     try:
         return check_file_name(mesh.stem)
     except InputError as error:

@@ -1,4 +1,4 @@
-"""Where a bake writes, in which profiles, how much that is, and which of it is done already."""
+"""The files of a bake: their names, their size, and a record of those that are done."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ FLOATS = (PROFILES["float"],)
 
 @dataclass(frozen=True)
 class Output:
-    """Files in `folder` whose names begin with NAME, by the profiles.
+    """The files of a bake, in one folder.
 
-    part: the frames that are baked, where these are not all.
+    name: first part of their names.  profiles: kinds of maps.  part: the frames that are baked;
+    None for all.
     """
 
     folder: Path
@@ -46,8 +47,8 @@ class Output:
     def names(
         self, frames: Iterable[FramePlace], udims: Sequence[int], geometry: str | None = None
     ) -> set[str]:
-        """The names of all files of these frames.  geometry: the format of their surfaces, if they
-        have any."""
+        """Names of all files of some frames.  geometry: format of surfaces; None where there are
+        none."""
         found = set()
         for frame in frames:
             found |= {self.file(one, udim, frame).name for one in self.profiles for udim in udims}
@@ -56,11 +57,13 @@ class Output:
         return found
 
     def places(self, all: Sequence[FramePlace]) -> Sequence[FramePlace]:
-        """The frames that are baked, of all; raises InputError for one that there is not."""
+        """The frames of this part.  all: those of the animation. Raises InputError naming numbers
+        that no frame has."""
         return all if self.part is None else self.part.select(all)
 
     def record(self, drawn_by: str) -> BakeRecord:
-        """What is done already, by this part and by others.  drawn_by: what draws now."""
+        """The record of this part, which knows those of other parts, too.  drawn_by: names what
+        draws now."""
         part = "" if self.part is None else f".{self.part.file_text()}"
         own = self.folder / f"{self.name}.bake{part}.json"
         others = [self.folder / f"{self.name}.bake.json"]
@@ -68,10 +71,11 @@ class Output:
         return BakeRecord(own, others, drawn_by)
 
     def drawn_by(self, now: str) -> set[str]:
-        """What drew the maps of all parts.  now: what has drawn this one.
+        """Names of what drew the maps of all parts.  now: what has drawn this one.
 
-        A small file for each says so, and a part need not read the records of all others. These are
-        read where there are several: maps may have been drawn anew since.
+        Each device leaves a small file with its name, so that a part need not read the records of
+        all others. Where there are several such files the records decide, since maps may have been
+        drawn anew.
         """
         name = glob.escape(self.name)
         mark = (
@@ -88,8 +92,8 @@ class Output:
         return found
 
     def _concerns(self, record: Path) -> bool:
-        """Whether the record of another part may hold frames of this one: of a film in thousands of
-        parts each task reads few of their records."""
+        """Whether the record of another part may hold frames of this one. A film may have thousands
+        of parts, of which each task reads few records."""
         text = record.name.removeprefix(f"{self.name}.bake.").removesuffix(".json")
         other = FrameRange.of_file_text(text)
         if self.part is None or other is None:
@@ -97,7 +101,8 @@ class Output:
         return not set(self.part.numbers).isdisjoint(other.numbers)
 
     def describe(self, drawn: FrameMap) -> None:
-        """Write what a reader must know of PNG files: NAME.<PROFILE>.json, if it is not there."""
+        """Write NAME.<PROFILE>.json, which readers of PNG files need, for each such profile. A file
+        that is up to date stays."""
         for profile in self.profiles:
             if profile.described:
                 facts = {
@@ -120,7 +125,10 @@ def _write_facts(file: Path, facts: Mapping[str, str | int | float]) -> None:
 
 @dataclass(frozen=True)
 class BakeSize:
-    """Bytes of the maps of a frame and of all frames, before compression."""
+    """Bytes of maps before compression.
+
+    frame: of one frame.  all: of all frames.  frames: how many there are.
+    """
 
     frame: int
     all: int
@@ -130,13 +138,13 @@ class BakeSize:
     def of(
         cls, profiles: tuple[Profile, ...], resolution: int, udims: int, frames: int
     ) -> BakeSize:
-        """The size of maps of `resolution` texels per side."""
+        """The size of maps with `resolution` texels per side."""
         texel = sum(profile.texel_bytes for profile in profiles)
         frame = round(texel * resolution**2) * udims
         return cls(frame, frame * frames, frames)
 
     def text(self) -> str:
-        """A line about it."""
+        """The size as a line of text."""
         return (
             f"maps: up to {_bytes(self.frame)} per frame, {_bytes(self.all)} for "
             f"{plural(self.frames, 'frame')}, before compression"
@@ -151,15 +159,15 @@ def _bytes(count: float) -> str:
 
 
 class BakeRecord:
-    """The maps that a bake has written, each with the key of its inputs and a hash of its bytes.
+    """The maps that a bake has written: for each the key of its inputs, and a hash of its bytes.
 
-    A map is done only while both still hold: other inputs, or a file that was damaged or removed,
-    make it due again. Each part of an animation that is baked by itself has a record of its own,
-    so that several can be baked into one folder at once. Raises StorageError where a record itself
-    is damaged.
+    A map is done only while both hold. Other inputs, or a file that was damaged or removed, make it
+    due again. Each part of an animation has a record of its own, so that several can be baked into
+    one folder at once.
 
-    path: of the record that is written.  others: those of other parts, which are read.  drawn_by:
-    names what draws now; of two with other names the bits differ.
+    path: file of this record.  others: files of the records of other parts, which are only read.
+    drawn_by: names what draws now; two devices of other names draw other bits. Raises StorageError
+    where a record is damaged.
     """
 
     def __init__(self, path: Path, others: Iterable[Path] = (), drawn_by: str = "") -> None:
@@ -168,13 +176,13 @@ class BakeRecord:
         self._found = [self._maps, *(_load(other) for other in others if other != path)]
 
     def done(self, file: Path, key: str) -> bool:
-        """Whether `file` is what was written for `key`."""
+        """Whether `file` is there as it was written for `key`."""
         entries = [entry for maps in self._found if (entry := maps.get(file.name)) is not None]
         digests = {entry["sha256"] for entry in entries if entry["key"] == key}
         return bool(digests) and file.is_file() and StoredFile.read(file).sha256 in digests
 
     def add(self, file: Path, key: str) -> None:
-        """Note that `file` was written for `key`; on the disk when this returns."""
+        """Record that `file` was written for `key`. The record is on the disk when this returns."""
         digest = StoredFile.read(file).sha256
         self._maps[file.name] = {"key": key, "sha256": digest, "drawn_by": self._drawn_by}
         text = json.dumps({"maps": self._maps}, indent=1, sort_keys=True)
@@ -183,8 +191,8 @@ class BakeRecord:
 
 
 def drawn_by(records: Iterable[Path]) -> set[str]:
-    """What drew the maps that these records name. Maps of older records, which do not say, are left
-    out. Where several have a map, the one that was written last counts."""
+    """Names of what drew the maps in these records. Where several records have a map, the latest
+    counts. Records of older releases, which name nothing, are left out."""
     found: dict[str, str] = {}
     for record in sorted(records, key=lambda path: path.stat().st_mtime_ns):
         found |= {name: entry["drawn_by"] for name, entry in _load(record).items()}

@@ -25,10 +25,10 @@ CHUNK = 10
 class SkinRequest:
     """The skin of an asset that is built, and the files that it is made from.
 
-    settings: of the asset, as JSON has them; not checked yet.  graph: the file of a wrinkle graph;
-    None grows one.  stiffness: files of stiffness maps.  maps: files of control maps, by the name
-    of what they control.  shapes: file or folder of expressions; None takes those of the mesh file.
-    force: whether a graph of another mesh is taken.
+    settings: of the asset, as in JSON, not checked yet.  graph: file of a wrinkle graph; None grows
+    one.  stiffness: files of stiffness maps.  maps: files of control maps, by the name of the
+    control.  shapes: file or folder of expressions; None for those of the mesh file.  force:
+    whether a graph of another mesh is used.
     """
 
     settings: Mapping[str, Any]
@@ -41,26 +41,26 @@ class SkinRequest:
 
 @dataclass(frozen=True)
 class BakeRequest:
-    """A bake: an animated mesh, its skin, the maps that are drawn, and where.
+    """A bake: the mesh and its frames, the skin, the maps, and who draws them.
 
     mesh: file of the neutral.  clip: which mesh and animation of a file are meant.  frames: files
-    of frames.  frames_list: a text file that lists frames in place of `frames`.  frames_folder: the
-    folder that names in it are relative to; None is its own.  part: the frames to bake; None bakes
-    all.
+    of frames; without any, the mesh file has them.  frames_list: file of a list of frames, in place
+    of `frames`.  frames_folder: folder that names in the list are relative to; None for that of the
+    list.  part: frames to bake; None for all.
 
-    skin: of the asset to build; None where the asset with the id `asset` is used, at `resolution`
-    texels per side; None is its own resolution.
+    skin: the asset to build; None where the built asset with the id `asset` is used.  resolution:
+    texels per side of that one; None for its own.
 
-    out: folder of the maps.  name: first part of the names of files; None is that of the mesh.
-    query: how maps are drawn.  geometry: format of displaced surfaces, None for none, whose
-    triangles are cut in four `subdivide` times.
+    out: folder of the maps.  name: first part of the names of files; None for that of the mesh.
+    profiles: kinds of maps.  query: how they are drawn.  geometry: format of displaced surfaces,
+    `glb` or `ply`; None for no surfaces.  subdivide: how often their triangles are cut in four.
 
     service: settings of the engine.  store: folder of the assets; None for one that lasts as long
-    as the bake.  openjd: folder of a job bundle that is written in place of maps.  dask: address of
-    a Dask scheduler whose workers bake, or LOCAL; `dask_workers` is the number of processes then.
-    chunk: frames per task of either; None is usual.
+    as the bake.  openjd: folder of a job bundle, which is written in place of maps.  dask: address
+    of a Dask scheduler whose workers bake, or LOCAL.  dask_workers: processes of LOCAL; None for as
+    many as fit.  chunk: frames per task of `openjd` or `dask`; None for the usual number.
 
-    strict, allow: which warnings are errors, for workers.
+    strict, allow: which warnings are errors on other machines.
     """
 
     mesh: Path
@@ -90,7 +90,7 @@ class BakeRequest:
 
 @dataclass(frozen=True)
 class BakeSummary:
-    """What a bake came to.  figures: for programs, as JSON has them.  text: for people."""
+    """The result of a bake.  figures: for JSON.  text: for people."""
 
     figures: dict[str, Any]
     text: str

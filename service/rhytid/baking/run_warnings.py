@@ -1,4 +1,5 @@
-"""How a command warns: a line on stderr at once, and at the end one that says how many."""
+"""Warnings of one run of a command: each is a line on stderr at once, and the last line counts
+them."""
 
 from __future__ import annotations
 
@@ -31,111 +32,114 @@ _LINES = 3
 
 
 class RunWarnings:
-    """The warnings of one run of a command; with `strict` they are an error, but for the codes in
-    `allow`."""
+    """The warnings and notices of one run of a command, within `with`.
+
+    strict: whether warnings are errors.  allow: codes that are no errors even so.  found, notices:
+    what there was.
+    """
 
     def __init__(self, command: str, strict: bool, allow: Collection[str] = ()) -> None:
         self._command, self._strict, self._allow = command, strict, allow
-        self.warnings: list[InputWarning] = []
+        self.found: list[InputWarning] = []
         self.notices: list[Notice] = []
 
     def __enter__(self) -> RunWarnings:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        """At the end of a run, of one that failed, too: there the reason may be among them. By then
-        tables and bars have been printed below the warnings."""
+        """Print the count, also where the run failed, since a warning may be the reason. The
+        warnings themselves are far above by then."""
         if kind is not StrictError:
-            self.count()
+            self.summarize()
 
     def inputs(
         self, mesh: Mesh, name: str, unit: str, resolution: int, frames: FrameFiles | None = None
     ) -> None:
         """Warn of a mesh from the file `name`, before anything is made of it.
 
-        Where warnings are errors, frames are checked too, which otherwise happens when they are
-        used; then raises StrictError.
+        Where warnings are errors, all frames are read and checked, too; else each is checked when
+        it is used. Raises StrictError.
         """
         found = mesh_warnings(mesh, unit, resolution)
-        self.tell(replace(warning, where=f"{name}, {warning.where}") for warning in found)
+        self.add(replace(warning, where=f"{name}, {warning.where}") for warning in found)
         if self._strict and frames is not None:
             check = FrameCheck(mesh, unit)
             for place in counted(frames.places, "checking", "frame"):
-                self.tell(check.warnings(frames.read(place), f"frame {place.name}"))
+                self.add(check.warnings(frames.read(place), f"frame {place.name}"))
         self.refuse()
 
     def settings(self, warnings: Iterable[InputWarning]) -> None:
-        """Report the warnings of settings among those of an asset; raises StrictError where
-        warnings are errors. `inputs` and `frame` report those of the mesh and the frames."""
-        self.tell(w for w in warnings if w.code in (SETTINGS_CHANGED, SETTINGS_UNUSED))
+        """Warn of settings. Other warnings of an asset are left out: `inputs` and `frame` print
+        those of meshes and frames. Raises StrictError."""
+        self.add(w for w in warnings if w.code in (SETTINGS_CHANGED, SETTINGS_UNUSED))
         self.refuse()
 
     def frame(self, warnings: Iterable[InputWarning], name: str) -> None:
-        """Warn of a frame that is used now; raises StrictError where warnings are errors."""
-        self.tell(replace(warning, where=f"frame {name}") for warning in warnings)
+        """Warn of a frame that is used now. Raises StrictError."""
+        self.add(replace(warning, where=f"frame {name}") for warning in warnings)
         self.refuse()
 
     def drawn_by(self, names: Collection[str]) -> None:
-        """Warn where the maps of one bake were drawn by several.  names: as `TileService.drawn_by`
-        has them."""
+        """Warn where several devices drew the maps of one bake, as `Output.drawn_by` names them.
+        Raises StrictError."""
         if len(names) > 1:
             listed = " and ".join(sorted(names))
             detail = f"maps were drawn by {listed}, whose last bits differ"
-            self.tell([InputWarning(DEVICES_MIXED, detail, "the bake")])
+            self.add([InputWarning(DEVICES_MIXED, detail, "the bake")])
             self.refuse()
 
-    def tell(self, warnings: Iterable[InputWarning]) -> None:
-        """Print what is new, the first few of each code."""
+    def add(self, warnings: Iterable[InputWarning]) -> None:
+        """Add warnings, and print the first few new ones of each code."""
         for warning in warnings:
-            if warning not in self.warnings:
-                self.warnings.append(warning)
-                if sum(w.code == warning.code for w in self.warnings) <= _LINES:
+            if warning not in self.found:
+                self.found.append(warning)
+                if sum(w.code == warning.code for w in self.found) <= _LINES:
                     allowed = "allowed " if warning.code in self._allow else ""
                     self._print(f"{allowed}warning: {warning}")
 
-    def notice(self, notices: Iterable[Notice]) -> None:
-        """Print what is worth knowing and no mistake; `strict` does not refuse it."""
+    def add_notices(self, notices: Iterable[Notice]) -> None:
+        """Add and print notices, which `strict` does not refuse."""
         for notice in notices:
             self.notices.append(notice)
             self.note(str(notice))
 
     def notes(self, lines: Iterable[str]) -> None:
-        """Print what a file says that is worth knowing."""
+        """Print notes of a file."""
         for line in lines:
             self.note(line)
 
     def lengths(self, settings: AssetSettings, distance: float) -> None:
-        """Report the lengths that follow where skin was grown to a number of wrinkles.  settings:
-        resolved.  distance: mean, from a pore to the nearest, mesh units."""
+        """Print the lengths that follow from a number of wrinkles, if the settings give one.
+        settings: resolved.  distance: mean distance from a pore to the nearest one, mesh units."""
         if settings.graph.wrinkles is not None:
             self.note(count_told(settings, distance))
 
     def note(self, line: str) -> None:
-        """Print one line of what the run chose; nothing where quiet."""
+        """Print one line as a notice. Prints nothing where quiet."""
         note(f"rhytid {self._command}: notice: {line}")
 
-    def count(self) -> None:
-        """One line: how many there are, and of what more is not listed."""
-        counts = Counter(warning.code for warning in self.warnings)
+    def summarize(self) -> None:
+        """Print how many warnings there were, and of which codes some were not printed."""
+        counts = Counter(warning.code for warning in self.found)
         many = [f"{_LINES} of {n} {code}" for code, n in counts.items() if n > _LINES]
         listed = f"listed above ({', '.join(many)})" if many else "listed above"
         if counts:
-            let = sum(warning.code in self._allow for warning in self.warnings)
+            let = sum(warning.code in self._allow for warning in self.found)
             allowed = f", {let} of them allowed" if let else ""
-            message = f"{_count(self.warnings)}{allowed}, {listed}"
+            message = f"{_count(self.found)}{allowed}, {listed}"
             self._print(f"{message}; `rhytid warnings CODE` says what to do")
 
     def figures(self) -> list[dict[str, str]]:
-        """All of them, for JSON."""
-        return [asdict(warning) for warning in self.warnings]
+        """The warnings, for JSON."""
+        return [asdict(warning) for warning in self.found]
 
     def all_figures(self) -> dict[str, list[dict[str, str]]]:
-        """Warnings and notices of an asset, for JSON."""
+        """The warnings and notices, for JSON."""
         return {"warnings": self.figures(), "notices": [asdict(n) for n in self.notices]}
 
     def refuse(self) -> None:
-        """Raise StrictError where warnings are errors and one of them is not allowed."""
-        wrong = not_allowed(self.warnings, self._allow) if self._strict else ()
+        """Raise StrictError where warnings are errors and one is not allowed."""
+        wrong = not_allowed(self.found, self._allow) if self._strict else ()
         if wrong:
             codes = " ".join(f"--allow {code}" for code in dict.fromkeys(w.code for w in wrong))
             message = f"--strict: {_count(wrong)}, so nothing was done ({codes} would allow that)"

@@ -150,8 +150,8 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.baking.bake import bake
     from rhytid.baking.run_warnings import RunWarnings
 
-    with RunWarnings("bake", arguments.strict, arguments.allow) as warned:
-        summary = bake(_request(arguments), warned)
+    with RunWarnings("bake", arguments.strict, arguments.allow) as warnings:
+        summary = bake(_request(arguments), warnings)
         report(summary.figures, summary.text, arguments.json)
 
 

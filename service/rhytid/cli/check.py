@@ -60,12 +60,12 @@ def run(arguments: argparse.Namespace) -> None:
     """Read, check, write and report; with --strict warnings are an error at the end."""
     from rhytid.baking.run_warnings import RunWarnings
 
-    with RunWarnings("check", arguments.strict, arguments.allow) as warned:
-        _run(arguments, warned)
-        warned.refuse()
+    with RunWarnings("check", arguments.strict, arguments.allow) as warnings:
+        _run(arguments, warnings)
+        warnings.refuse()
 
 
-def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
+def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     from rhytid.baking.input_files import mesh_file
     from rhytid.console import make_place
     from rhytid.meshes.check import MeshCheck
@@ -78,20 +78,22 @@ def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
         make_place(picture)
     AssetSettings.parse({"resolution": arguments.resolution})
     read = mesh_file(arguments.mesh, cache_clip(arguments))
-    warned.notes(read.notes)
+    warnings.notes(read.notes)
     unit = length_unit(arguments, read)
     with working("checking the mesh"):
         check = MeshCheck.of(read, unit, arguments.resolution)
-    figures = check.figures() | _frames(arguments, check, warned)
-    warned.notice(check.notices())
-    figures = {"file": str(arguments.mesh), **figures, **warned.all_figures()}
+    figures = check.figures() | _frames(arguments, check, warnings)
+    warnings.add_notices(check.notices())
+    figures = {"file": str(arguments.mesh), **figures, **warnings.all_figures()}
     if picture is not None:
         with working(f"drawing {picture.name}"):
             _draw(check, arguments.mesh.name, picture)
     report(figures, table(HEADER, rows(check, figures)), arguments.json)
 
 
-def _frames(arguments: argparse.Namespace, check: MeshCheck, warned: RunWarnings) -> dict[str, Any]:
+def _frames(
+    arguments: argparse.Namespace, check: MeshCheck, warnings: RunWarnings
+) -> dict[str, Any]:
     """Report the warnings of the mesh and of every frame; how many frames there are."""
     from dataclasses import replace
 
@@ -101,13 +103,13 @@ def _frames(arguments: argparse.Namespace, check: MeshCheck, warned: RunWarnings
 
     name, mesh = arguments.mesh.name, check.mesh
     found = mesh_warnings(mesh, check.unit, check.resolution, check.layout.udims)
-    warned.tell(replace(warning, where=f"{name}, {warning.where}") for warning in found)
+    warnings.add(replace(warning, where=f"{name}, {warning.where}") for warning in found)
     if not arguments.frames and check.file.frames is None and check.file.animation is None:
         return {"frames": 0}
     files = FrameFiles(check.file, arguments.frames, cache_clip(arguments))
     looked = FrameCheck(mesh, check.unit)
     for place in counted(files.places, "checking", "frame"):
-        warned.tell(looked.warnings(files.read(place), f"frame {place.name}"))
+        warnings.add(looked.warnings(files.read(place), f"frame {place.name}"))
     return {"frames": len(files.places)}
 
 

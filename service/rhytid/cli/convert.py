@@ -56,8 +56,8 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError(f"{out}: the mesh is written as .npz")
     clip = cache_clip(arguments)
     read = mesh_file(arguments.mesh, clip)
-    with RunWarnings("convert", False) as warned:
-        warned.notes(read.notes)
+    with RunWarnings("convert", False) as warnings:
+        warnings.notes(read.notes)
     moves = arguments.frames or read.frames is not None or read.animation is not None
     files = FrameFiles(read, arguments.frames, clip) if moves else None
     places = files.places if files else []

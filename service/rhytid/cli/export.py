@@ -93,11 +93,11 @@ def run(arguments: argparse.Namespace) -> None:
         refuse_without_effect(argparse.Namespace(**{**vars(arguments), "shapes": None}))
     from rhytid.baking.run_warnings import RunWarnings
 
-    with RunWarnings("export", arguments.strict, arguments.allow) as warned:
-        _run(arguments, warned)
+    with RunWarnings("export", arguments.strict, arguments.allow) as warnings:
+        _run(arguments, warnings)
 
 
-def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
+def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     # Imported here, so that --help does not wait for OpenCL.
     from rhytid.baking.assets import naming_store
     from rhytid.skin_package.maps import SkinMaps
@@ -105,19 +105,19 @@ def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
 
     has_package(arguments.folder)  # raises where it is in the way, before long work
     clip = cache_clip(arguments)
-    new = None if arguments.mesh is None else _NewSkin.read(arguments, clip, warned)
+    new = None if arguments.mesh is None else _NewSkin.read(arguments, clip, warnings)
     if new is not None:
         make_folder(arguments.folder)
     with _engine(arguments) as engine:
         with naming_store(local_settings(arguments.store, None).store):
-            skin = _stored(engine, arguments, clip) if new is None else new.built(engine, warned)
+            skin = _stored(engine, arguments, clip) if new is None else new.built(engine, warnings)
         make_folder(arguments.folder)
         with working("reading the asset"):
             maps = SkinMaps.of(engine, skin.asset)
         writer = PackageWriter(maps, skin.mesh, skin.shapes, arguments.folder, arguments.levels)
         for step in counted(writer.steps(), "exporting", "part"):
             step()
-    _report(arguments, skin, writer, warned)
+    _report(arguments, skin, writer, warnings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ class _NewSkin:
     calibrated: bool
 
     @classmethod
-    def read(cls, arguments: argparse.Namespace, clip: Clip, warned: RunWarnings) -> _NewSkin:
+    def read(cls, arguments: argparse.Namespace, clip: Clip, warnings: RunWarnings) -> _NewSkin:
         """Read everything, and warn of what is doubtful in it; raises InputError, LimitError and
         SettingsError naming the file or the setting."""
         from rhytid.baking.input_files import mesh_file
@@ -153,19 +153,19 @@ class _NewSkin:
             given["unit"] = mesh.unit
         settings, name = AssetSettings.parse(given), arguments.mesh.name
         check_settings(settings)
-        warned.notes(mesh.notes)
-        warned.inputs(mesh.mesh, name, settings.length_unit, settings.resolution)
-        new = new_asset(skin, mesh, settings.named_after(name), clip, warned)
+        warnings.notes(mesh.notes)
+        warnings.inputs(mesh.mesh, name, settings.length_unit, settings.resolution)
+        new = new_asset(skin, mesh, settings.named_after(name), clip, warnings)
         shapes = mesh.shapes if arguments.shapes is None else new.shapes
         if new.graph is not None:  # its lines are grown
             new = replace(new, shapes=None)
         return cls(new, shapes, "r_max" in given.get("bins", {}))
 
-    def built(self, engine: Engine, warned: RunWarnings) -> _Skin:
+    def built(self, engine: Engine, warnings: RunWarnings) -> _Skin:
         """The asset, its maps made for the shape that stretches most."""
         from rhytid.baking.assets import build, finish
 
-        asset = build(engine, self.new, warned)
+        asset = build(engine, self.new, warnings)
         if self.shapes is not None and len(self.shapes) and not self.calibrated:
             positions = counted([*self.shapes.positions], "measuring", "shape")
             stretched = [engine.frames.put(asset.id, "shape", p) for p in positions]
@@ -209,7 +209,7 @@ def _engine(arguments: argparse.Namespace) -> Iterator[Engine]:
 
 
 def _report(
-    arguments: argparse.Namespace, skin: _Skin, writer: PackageWriter, warned: RunWarnings
+    arguments: argparse.Namespace, skin: _Skin, writer: PackageWriter, warnings: RunWarnings
 ) -> None:
     manifest, files = writer.manifest, writer.files
     assert manifest is not None
@@ -224,4 +224,4 @@ def _report(
         "r_max": manifest.blend.r_max,
     }
     text = table(("figure", "value"), figures.items())
-    report({**figures, **warned.all_figures()}, text, arguments.json)
+    report({**figures, **warnings.all_figures()}, text, arguments.json)

@@ -53,20 +53,20 @@ def run(arguments: argparse.Namespace) -> None:
     """Read both, find the pores on the mesh, write, and report the figures."""
     from rhytid.baking.run_warnings import RunWarnings
 
-    with RunWarnings("graph", arguments.strict, arguments.allow) as warned:
-        _run(arguments, warned)
+    with RunWarnings("graph", arguments.strict, arguments.allow) as warnings:
+        _run(arguments, warnings)
 
 
-def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
+def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     from rhytid.baking.input_files import graph_file, mesh_file
 
     read = mesh_file(arguments.mesh, prim_clip(arguments.prim))
     mesh, unit = read.mesh, length_unit(arguments, read)
-    warned.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
+    warnings.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
     check_outputs(arguments, mesh)
     device = open_device(arguments)
     graph = placed_graph(lambda: device, mesh, graph_file(arguments.graph), force=arguments.force)
-    facts = {"file": str(arguments.graph), "warnings": warned.figures()}
+    facts = {"file": str(arguments.graph), "warnings": warnings.figures()}
     write_outputs(arguments, device, mesh, graph, facts)
 
 

@@ -70,11 +70,11 @@ def run(arguments: argparse.Namespace) -> None:
         arguments.usage_error("--ages needs --preview FILE.png: ages are drawn in its picture")
     from rhytid.baking.run_warnings import RunWarnings
 
-    with RunWarnings("synthesize", arguments.strict, arguments.allow) as warned:
-        _run(arguments, warned)
+    with RunWarnings("synthesize", arguments.strict, arguments.allow) as warnings:
+        _run(arguments, warnings)
 
 
-def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
+def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     # Imported here, so that --help needs no OpenCL.
     from rhytid.baking.input_files import mesh_file, shape_files
     from rhytid.formats.graphs import write_graph
@@ -92,8 +92,8 @@ def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
     mesh, unit = read.mesh, length_unit(arguments, read)
     arguments.unit = arguments.unit or read.unit
     settings = grown_settings(skin_settings(arguments))
-    warned.notes(read.notes)
-    warned.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
+    warnings.notes(read.notes)
+    warnings.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
     check_outputs(arguments, mesh)
     make_place(arguments.out)
     controls = skin_controls(arguments, mesh)
@@ -102,16 +102,16 @@ def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
     out: Path = arguments.out
     folds = None if expressions is None else _folds(device, mesh, expressions, unit)
     wrinkles = check_amount(mesh, settings, controls, device.budget.limit, folds)
-    warned.note(str(BuildSize.of(mesh, wrinkles)))
+    warnings.note(str(BuildSize.of(mesh, wrinkles)))
     with share_bar("synthesis") as show:
         clock, seconds = clocked(show)
         made = synthesize(mesh, settings, device, clock, controls=controls, folds=folds)
     drawn = AssetSettings(unit=unit, graph=settings).with_lengths(made.lengths)
-    warned.lengths(drawn, made.distance)
+    warnings.lengths(drawn, made.distance)
     origin = GraphOrigin.of(mesh, unit, drawn.lengths(made.spacing), settings.start)
     graph = replace(made.graph, origin=origin)
     whole_file(out, [write_graph(graph)])
-    facts = {"file": str(out), "seconds": seconds, "warnings": warned.figures()}
+    facts = {"file": str(out), "seconds": seconds, "warnings": warnings.figures()}
     write_outputs(arguments, device, mesh, graph, facts)
     if folds is not None and arguments.preview is not None:
         _draw_lines(mesh, folds, arguments.preview)

@@ -64,11 +64,11 @@ def run(arguments: argparse.Namespace) -> None:
     """Read all three, carry the graph over, write it and report the figures."""
     from rhytid.baking.run_warnings import RunWarnings
 
-    with RunWarnings("transfer", arguments.strict, arguments.allow) as warned:
-        _run(arguments, warned)
+    with RunWarnings("transfer", arguments.strict, arguments.allow) as warnings:
+        _run(arguments, warnings)
 
 
-def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
+def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     from rhytid.baking.input_files import graph_file, mesh_file
     from rhytid.cli.graph import placed_graph
     from rhytid.cli.graph_output import open_device, whole_file
@@ -85,7 +85,7 @@ def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
     read = mesh_file(arguments.new, prim_clip(arguments.to_prim or arguments.prim))
     new, resolution = read.mesh, AssetSettings().resolution
     unit = length_unit(arguments, read)
-    warned.inputs(new, arguments.new.name, unit, resolution)
+    warnings.inputs(new, arguments.new.name, unit, resolution)
     make_place(out)
     graph = placed_graph(
         lambda: open_device(arguments), old, graph_file(arguments.graph), force=arguments.force
@@ -93,7 +93,7 @@ def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
     with working("carrying the graph over"):
         moved = transfer(graph, old, new, arguments.reach)
     whole_file(out, [write_graph(moved.graph)])
-    figures = {"file": str(out), **_figures(graph, moved), "warnings": warned.figures()}
+    figures = {"file": str(out), **_figures(graph, moved), "warnings": warnings.figures()}
     rows = [(name, _text(value)) for name, value in figures.items() if name != "warnings"]
     report(figures, table(("figure", "value"), rows), arguments.json)
 

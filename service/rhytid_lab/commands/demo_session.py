@@ -100,7 +100,7 @@ class Session:
         assert self.asset.statistics is not None
         resolved = AssetSettings.parse(self.asset.settings)
         self.warned.lengths(resolved, self.asset.statistics["distance"])
-        self.warned.notice(Notice(n.code, n.detail) for n in self.asset.notices)
+        self.warned.add_notices(Notice(n.code, n.detail) for n in self.asset.notices)
 
     def send_frames(self) -> None:
         """Send every frame, then calibrate from the one that stretches most."""

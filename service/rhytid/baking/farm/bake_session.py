@@ -157,16 +157,16 @@ class BakeSession:
         """Write the files of a chunk that are not there; calls `done` with the label of each frame
         whose files are. Raises what `Baker` does."""
         watch, job = Stopwatch(), self._job
-        warned = UnprintedWarnings("bake", job.strict, job.allow)
+        warnings = UnprintedWarnings("bake", job.strict, job.allow)
         part = FrameRange(chunk.numbers)
         baker = self._baker
         baker.output = replace(baker.output, part=part)
-        baker.watch, baker.warned, baker.written, baker.skipped = watch, warned, 0, 0
+        baker.watch, baker.warnings, baker.written, baker.skipped = watch, warnings, 0, 0
         with use_verbosity(_SILENT):
             places = baker.output.places(baker.frames.places)
             job.check_frames(places)
             baker.write(_telling(places, done))
-        return ChunkReport(baker.written, baker.skipped, tuple(warned.warnings), watch.seconds)
+        return ChunkReport(baker.written, baker.skipped, tuple(warnings.found), watch.seconds)
 
     def close(self) -> None:
         """End the engine, and remove the store."""
@@ -180,9 +180,17 @@ class BakeSession:
         asset = stored(self._engine, job.asset, file.mesh)
         geometry = Geometry(file.mesh, job.geometry, job.subdivide) if job.geometry else None
         output = Output(Path(job.out), job.name, profiles_of([*job.profiles]))
-        warned = UnprintedWarnings("bake", job.strict, job.allow)
+        warnings = UnprintedWarnings("bake", job.strict, job.allow)
         return Baker(
-            self._engine, asset, file.mesh, job.query, frames, output, Stopwatch(), warned, geometry
+            self._engine,
+            asset,
+            file.mesh,
+            job.query,
+            frames,
+            output,
+            Stopwatch(),
+            warnings,
+            geometry,
         )
 
 
@@ -202,9 +210,9 @@ class ChunkReport:
 class UnprintedWarnings(RunWarnings):
     """Warnings that are not printed, but sent to where they are."""
 
-    def tell(self, warnings: Iterable[InputWarning]) -> None:
+    def add(self, warnings: Iterable[InputWarning]) -> None:
         """Keep what is new."""
-        self.warnings += [one for one in dict.fromkeys(warnings) if one not in self.warnings]
+        self.found += [one for one in dict.fromkeys(warnings) if one not in self.found]
 
 
 def _settings(store: Path) -> ServiceSettings:

@@ -122,7 +122,7 @@ class DaskBake:
         for step, seconds in report.seconds.items():
             for one in seconds:
                 baker.watch.add(step, one)
-        baker.warned.tell(report.warnings)
+        baker.warnings.add(report.warnings)
 
     def _places(self) -> list[FramePlace]:
         """Of the frames that are baked."""

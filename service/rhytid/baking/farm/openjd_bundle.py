@@ -67,7 +67,7 @@ def write_job(request: BakeRequest, baker: Baker, inputs: BakeInputs) -> BakeSum
         "frames": len(frames.numbers),
         "tasks": tasks,
         "command": command,
-        **baker.warned.all_figures(),
+        **baker.warnings.all_figures(),
     }
     what = f"{plural(tasks, 'task')} of at most {plural(each, 'frame')}"
     text = f"bundle {folder}: {what}; to run them on this machine:\n{shlex.join(command)}"
