@@ -16,8 +16,8 @@ from rhytid.baking.farm.chunks import (
     ChunkDone,
     Event,
     FrameDone,
-    Unable,
     WorkerLost,
+    WorkerUnable,
     of_worker,
 )
 from rhytid.baking.farm.dask_cluster import Cluster, local_cluster, running_cluster
@@ -169,7 +169,7 @@ def test_a_worker_that_cannot_bake_is_put_aside(cluster: Cluster, tmp_path: Path
         events = [*running.bake(chunks(40, 1))]
 
     assert len(told(events)) == 40
-    [unable] = [event for event in events if isinstance(event, Unable)]
+    [unable] = [event for event in events if isinstance(event, WorkerUnable)]
     assert str(unable.error) == f"worker {unable.worker}: no OpenCL device matches 'gpu'"
     assert unable.worker not in {e.worker for e in events if isinstance(e, FrameDone)}
     assert len(running.used) == 1 < len(running.workers.seen)

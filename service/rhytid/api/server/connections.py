@@ -1,7 +1,8 @@
-"""Connections with limits: how many, and how long one may be without progress.
+"""HTTP connections with limits: how many there may be, and how long one may make no progress.
 
-uvicorn closes a connection that is idle after an answer, and nothing else: heads and bodies may
-take for ever, and a connection that is to be closed stays until its client has read all of it.
+uvicorn closes a connection only where it is idle after an answer. Without these limits heads and
+bodies may take forever, and a connection that is to be closed stays until its client has read all
+of the answer.
 """
 
 from __future__ import annotations
@@ -34,9 +35,13 @@ _BODY = frozenset((b"content-length", b"transfer-encoding"))
 
 @dataclass(frozen=True)
 class ConnectionLimits:
-    """stalled: seconds for a head, for each PROGRESS bytes of a body, each TAKEN bytes of an answer
-    and each handshake of a WebSocket.  most: connections open at once; one address may have half of
-    them, unless it is in `proxies`: networks that connections of many callers come from."""
+    """Limits of connections.
+
+    stalled: seconds for a head, for each PROGRESS bytes of a body, for each TAKEN bytes of an
+    answer, and for the handshake of a WebSocket.  most: connections that may be open at once; one
+    address may have half of them.  proxies: networks whose addresses may have all, since many
+    callers come from them.
+    """
 
     stalled: float
     most: int
@@ -44,17 +49,17 @@ class ConnectionLimits:
 
     @classmethod
     def of(cls, settings: ServiceSettings) -> ConnectionLimits:
-        """Those of the settings."""
+        """The limits that the settings give."""
         proxies = tuple(ipaddress.ip_network(proxy) for proxy in settings.proxies)
         return cls(settings.stall_seconds, settings.connections, proxies)
 
     @property
     def most_of_one(self) -> int:
-        """Connections of one address."""
+        """Connections that one address may have."""
         return max(self.most // 2, 1)
 
     def of_proxy(self, host: str | None) -> bool:
-        """Whether an address is that of a proxy."""
+        """Whether an address is in `proxies`."""
         if host is None or not self.proxies:
             return False
         address = ipaddress.ip_address(host.partition("%")[0])
@@ -62,8 +67,8 @@ class ConnectionLimits:
 
 
 def allow_files(connections: int) -> None:
-    """Let this process open as many files as that many connections take, where the system lets it:
-    usually 1024 to begin with. A request takes up to three beside its connection."""
+    """Raise the limit of open files of this process to what so many connections need, as far as the
+    system allows. It is usually 1024. A request opens up to three files beside its connection."""
     if sys.platform != "win32":
         import resource
 
@@ -75,19 +80,19 @@ def allow_files(connections: int) -> None:
 
 
 def protocol_of(limits: ConnectionLimits) -> type[asyncio.Protocol]:
-    """The class of connections that uvicorn makes (its option `http`)."""
+    """The class of connections with these limits, for the option `http` of uvicorn."""
     return type("Connection", (LimitedConnection,), {"limits": limits})
 
 
 # Over h11 also where httptools is installed, which reads heads of any length.
 class LimitedConnection(H11Protocol):
-    """A connection that is closed, with a problem where one can still be read, when it is one too
-    many or makes no progress."""
+    """A connection that is closed where it is one too many or makes no progress. The client gets a
+    problem where it can still be read."""
 
     limits: ConnectionLimits
 
     def connection_made(self, transport: Any) -> None:
-        """Refuse the connection, or watch it."""
+        """Watch the connection, or refuse it."""
         super().connection_made(transport)
         self._received = 0
         self._seen: tuple[str | None, Any, int] = (None, None, 0)
@@ -97,19 +102,19 @@ class LimitedConnection(H11Protocol):
             self._end(HTTPStatus.SERVICE_UNAVAILABLE, too_many)
 
     def data_received(self, data: bytes) -> None:
-        """Count what comes; nothing that comes after the end is read."""
+        """Count and read data. Data that comes after the end is dropped."""
         if not self.transport.is_closing():
             self._received += len(data)
             super().data_received(data)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Watch it no longer."""
+        """Stop watching the connection."""
         self._look.cancel()
         super().connection_lost(exc)
 
     def handle_websocket_upgrade(self, event: Any) -> None:
-        """Leave the connection to `WebSockets` and its limits; refuse an upgrade that has a body,
-        since none is read before a handshake."""
+        """Hand the connection over to `WebSockets`, which has limits of its own. Refuse an upgrade
+        with a body, since no body is read before a handshake."""
         if body := _BODY & {name for name, _ in self.headers}:
             named = " and ".join(sorted(name.decode().title() for name in body))
             self._end(HTTPStatus.BAD_REQUEST, f"an upgrade to WebSocket has no body: {named}")
@@ -120,12 +125,12 @@ class LimitedConnection(H11Protocol):
         opened.end_unless_open(self.limits.stalled)
 
     def send_400_response(self, msg: str) -> None:
-        """A problem in place of plain text."""
+        """Answer with a problem in place of plain text."""
         rule = f"or its head is above {DEFAULT_MAX_INCOMPLETE_EVENT_SIZE} bytes"
         self._end(HTTPStatus.BAD_REQUEST, f"the request is not valid HTTP, {rule}")
 
     def _too_many(self) -> str | None:
-        """Why this connection cannot be served; it is among those that are open."""
+        """Why this connection, which is open already, is one too many; None where it is not."""
         most, most_of_one = self.limits.most, self.limits.most_of_one
         if len(self.connections) > most:
             return f"{most} connections are open already: RHYTID_CONNECTIONS allows no more"
@@ -143,7 +148,7 @@ class LimitedConnection(H11Protocol):
         return client[0] if client else None
 
     def _watch(self) -> None:
-        """End what has made no progress for too long; look again later."""
+        """End the connection where it has made no progress for too long, else look again later."""
         now, seen = self.loop.time(), self._progress()
         if seen != self._seen or seen[0] is None:
             self._seen, self._since = seen, now
@@ -152,7 +157,8 @@ class LimitedConnection(H11Protocol):
         self._look = self.loop.call_later(self.limits.stalled / _LOOKS, self._watch)
 
     def _progress(self) -> tuple[str | None, Any, int]:
-        """What it waits for the client to do, None for nothing; and what changes when it does."""
+        """What the client has to do next, None for nothing; and a state that changes when it
+        does."""
         if self.transport.is_closing():
             return "end", None, 0
         if self.cycle is None or self.cycle.response_complete:
@@ -192,7 +198,7 @@ class LimitedConnection(H11Protocol):
 
 
 def bare_problem(status: HTTPStatus, detail: str) -> bytes:
-    """An answer of its own, without the machinery of a request."""
+    """The bytes of an answer with a problem, without the application."""
     about = {"type": "about:blank", "title": status.phrase, "status": status, "detail": detail}
     body = json.dumps(about).encode()
     head = (

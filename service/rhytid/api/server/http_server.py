@@ -1,4 +1,4 @@
-"""The HTTP server: a socket that listens, and the application on it."""
+"""The HTTP server: a listening socket, and the application on it."""
 
 from __future__ import annotations
 
@@ -60,12 +60,12 @@ def asks_keys(
     mark: Path | None = None,
     named: bool = False,
 ) -> bool | None:
-    """What the setting `ask_keys` is for a server on a socket, whose keys are in a file.
+    """The value of the setting `ask_keys` for a server on this socket.
 
-    without: nobody is asked for a key.  mark: is there where keys were asked for before.  named:
-    whether the user named the file, so that it ought to be there. Raises AccessError where the file
-    is missing in these cases, and where others than this machine reach the socket, a
-    key is asked for and none is valid; StorageError where the file cannot be read.
+    keys: file of the keys.  without: whether nobody is asked for a key.  mark: file that says that
+    keys were asked for before.  named: whether the user named the file of the keys. Raises
+    AccessError where the file should exist and does not, and where other machines reach the socket
+    but no key is valid; StorageError where the file cannot be read.
     """
     if without:
         return False
@@ -89,10 +89,8 @@ def asks_keys(
 
 
 def engine_of(settings: ServiceSettings, *, in_process: bool) -> AnyEngine:
-    """An engine in a process of its own, or in this one: where that is asked for, and on Windows.
-
-    Raises what `Engine` does.
-    """
+    """An engine in a process of its own; in this one where `in_process` says so, and on Windows.
+    Raises what `Engine` does."""
     from rhytid.engine_process.device_process import possible
 
     if in_process or not possible():
@@ -105,9 +103,10 @@ def engine_of(settings: ServiceSettings, *, in_process: bool) -> AnyEngine:
 
 
 class DrainingServer(uvicorn.Server):
-    """Drains when SIGTERM comes: listens on while requests finish, and answers all others with 503.
+    """A server that drains when SIGTERM comes: it finishes requests that it has, and answers new
+    ones with 503.
 
-    begun: called when it begins to.
+    begun: called when draining begins.
     """
 
     def __init__(self, config: uvicorn.Config, drain: Drain, begun: Callable[[], None]) -> None:
@@ -116,7 +115,7 @@ class DrainingServer(uvicorn.Server):
         self._signal: int | None = None
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Begin to drain; at a second signal, or another than SIGTERM, end at once."""
+        """Begin to drain. A second signal, or another than SIGTERM, ends the server at once."""
         if self._drain.begun:
             self._end(sig)
             return
@@ -128,13 +127,13 @@ class DrainingServer(uvicorn.Server):
         self._begun()
 
     async def on_tick(self, counter: int) -> bool:
-        """Ten times a second: whether to end."""
+        """Whether to end; uvicorn asks ten times a second."""
         if self._signal is not None and self._drain.over and not self.should_exit:
             self._end(self._signal)
         return await super().on_tick(counter)
 
     def _end(self, sig: int) -> None:
-        """Who has not finished by now does not."""
+        """End the server; requests get LAST_GRACE seconds."""
         self.config.timeout_graceful_shutdown = LAST_GRACE
         super().handle_exit(sig, None)
 
@@ -145,9 +144,9 @@ def server_of(
     log_level: str,
     draining: Callable[[], None] = lambda: None,
 ) -> uvicorn.Server:
-    """The application over an engine, ready to run on sockets. The caller sets the log up.
+    """A server of an engine, ready to run on sockets. The caller sets up logging.
 
-    draining: called when the server begins to end.
+    draining: called when the server begins to drain.
     """
     from rhytid.api.app import create_app
 
@@ -161,8 +160,8 @@ def server_of(
 
 
 def protocol_options(settings: ServiceSettings) -> dict[str, Any]:
-    """Options of uvicorn: how it speaks HTTP and WebSocket, and whom it believes about callers.
-    Without them it believes every program of this machine, and FORWARDED_ALLOW_IPS."""
+    """Options of uvicorn for HTTP and WebSocket, and for proxies whose headers it believes. By
+    default uvicorn would believe every program of this machine, and FORWARDED_ALLOW_IPS."""
     from rhytid.api.server.connections import ConnectionLimits, protocol_of
 
     return {
@@ -175,11 +174,8 @@ def protocol_options(settings: ServiceSettings) -> dict[str, Any]:
 
 @contextmanager
 def serving(settings: ServiceSettings) -> Iterator[str]:
-    """The URL of a real server on a free loopback port.
-
-    It runs in a thread of this process, so it ends with the block, and with the process at last. It
-    asks for no API keys.
-    """
+    """The URL of a server on a free loopback port, in a thread of this process. It ends with the
+    block, and asks for no API keys."""
     from rhytid.engine.engine import Engine
 
     settings = replace(settings, ask_keys=False)

@@ -1,4 +1,4 @@
-"""How the server speaks WebSocket."""
+"""WebSocket connections with limits."""
 
 from __future__ import annotations
 
@@ -24,9 +24,8 @@ logger.setLevel(logging.WARNING)
 
 
 class WebSockets(WebSocketsSansIOProtocol):
-    """Ends connections for good: a handshake has a time limit, and what a client does not read is
-    not kept for ever. Keeps the heads and queries of handshakes, which hold keys, out of the log.
-    """
+    """A WebSocket whose handshake has a time limit, and which keeps little of what the client does
+    not read. Heads and queries of handshakes, which hold keys, stay out of the log."""
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
@@ -37,8 +36,8 @@ class WebSockets(WebSocketsSansIOProtocol):
         self._handshake: asyncio.TimerHandle | None = None
 
     def end_unless_open(self, seconds: float) -> None:
-        """End the connection where the application has not accepted it, nor its refusal been read,
-        within that time."""
+        """End the connection where, within so many seconds, the application has not accepted it, or
+        the client has not read its refusal."""
         self._handshake = self.loop.call_later(seconds, self._not_open, seconds)
 
     def _not_open(self, seconds: float) -> None:
@@ -56,22 +55,22 @@ class WebSockets(WebSocketsSansIOProtocol):
         self.loop.call_later(LEFT_TO_READ, self.transport.abort)
 
     def data_received(self, data: bytes) -> None:
-        """Read what came. The first of it is the whole head of the handshake: where no request was
-        found in it, none will follow."""
+        """Read data. The first data is the whole head of the handshake: if it holds no request,
+        none will follow."""
         super().data_received(data)
         if not self.handshake_initiated and not self.transport.is_closing():
             rule = "its head is too long, or not that of a handshake"
             self._refuse(HTTPStatus.BAD_REQUEST, f"the upgrade to WebSocket was not read: {rule}")
 
     def shutdown(self) -> None:
-        """End the connection with the server. Without a handshake nothing can be said on it."""
+        """End the connection when the server ends. Before a handshake it cannot carry a reason."""
         if self.handshake_initiated:
             super().shutdown()
         else:
             self.transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Watch it no longer."""
+        """Stop the time limit of the handshake."""
         if self._handshake is not None:
             self._handshake.cancel()
         super().connection_lost(exc)
@@ -79,8 +78,8 @@ class WebSockets(WebSocketsSansIOProtocol):
     async def send(self, message: Any) -> None:
         """Send a message of the application.
 
-        One that accepts a connection may have `largest`: bytes of a message on it, fewer than
-        `LARGEST`. What comes of larger ones is not kept.
+        A message that accepts a connection may have `largest`: the most bytes of a message from the
+        client, at most LARGEST. Larger messages end the connection.
         """
         if "largest" in message:
             largest = min(LARGEST, message["largest"])
@@ -92,8 +91,8 @@ class WebSockets(WebSocketsSansIOProtocol):
         self.handshake_complete |= self.initial_response is not None and self.close_sent
 
     def handle_ping(self) -> None:
-        """Answer a ping. While the client does not read, the last answer alone is kept: reading
-        goes on, as the newest frame counts, and what is kept must not grow."""
+        """Answer a ping. While the client does not read, only the last answer is kept: frames are
+        still read, and memory must not grow."""
         if self.writable.is_set():
             super().handle_ping()
         else:
@@ -101,19 +100,20 @@ class WebSockets(WebSocketsSansIOProtocol):
             self._pong = self.conn.data_to_send() or self._pong
 
     def resume_writing(self) -> None:
-        """There is room again."""
+        """Send the answer that was kept, now that there is room."""
         super().resume_writing()
         pong, self._pong = self._pong, []
         if pong and not self.close_sent:
             self.transport.write(b"".join(pong))
 
     def keepalive_timeout(self) -> None:
-        """End a connection whose client answers no ping, though it may never read why."""
+        """End a connection whose client answers no ping, and close it for good if it reads
+        nothing."""
         super().keepalive_timeout()
         self.loop.call_later(LEFT_TO_READ, self.transport.abort)
 
     async def run_asgi(self) -> None:
-        """Answer the connection; a while after the answer nothing of it is left."""
+        """Run the application; close the connection for good a while after it has ended."""
         try:
             await super().run_asgi()
         finally:

@@ -1,4 +1,4 @@
-"""A bake on a worker of a cluster: its job as plain data, and a session that bakes chunks of it."""
+"""The part of a cluster bake that draws: a job as plain data, and the session of a worker."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ _SILENT = Verbosity(quiet=True)
 
 @dataclass(frozen=True)
 class WorkerJob:
-    """What a worker has to know to bake some of the frames; it can be pickled.
+    """All that a worker needs to bake some of the frames. It can be pickled.
 
-    mesh_digest: of the arrays of the mesh.  frames: all of them, whose files have absolute paths.
-    files: these, where a frame is baked.  snapshot: of the built asset, whose id is `asset`.  out:
-    the folder of the maps.  geometry: the format of displaced surfaces, if there are any.  drawing:
-    the `drawing_version` of the machine that made the job.
+    mesh_digest: SHA-256 of the arrays of the mesh.  frames: all frames, with absolute paths.
+    files: of the frames that are baked.  snapshot: of the built asset, whose id is `asset`.  out:
+    folder of the maps.  geometry: format of displaced surfaces, if there are any.  drawing:
+    `drawing_version` of the machine that made the job.
     """
 
     mesh: SharedFile
@@ -76,7 +76,7 @@ class WorkerJob:
         snapshot: Path,
         baked: Sequence[FramePlace],
     ) -> WorkerJob:
-        """The job of a bake.  snapshot: of its asset.  baked: the frames that are baked."""
+        """The job of a bake.  snapshot: file with its asset.  baked: frames that are baked."""
         return cls(
             mesh=SharedFile.of(request.mesh),
             mesh_digest=mesh_digest(baker.mesh),
@@ -97,24 +97,26 @@ class WorkerJob:
         )
 
     def session(self, folder: Path) -> BakeSession:
-        """A session that bakes its chunks. `folder` is new, in the folder of the worker."""
+        """Open a session for this job.  folder: where it keeps its store; must not exist."""
         return BakeSession(self, folder)
 
     def check(self) -> None:
-        """Raise InputError where mesh or snapshot are not here, or this rhytid draws otherwise."""
+        """Raise InputError where the mesh or the snapshot is missing here, or where this release
+        draws differently."""
         check_drawing(self.drawing)
         self.mesh.check()
         self.snapshot.check()
 
     def check_mesh(self, mesh: Mesh) -> None:
-        """Raise InputError where the file of the mesh holds another than the job was made of."""
+        """Raise InputError where the file of the mesh holds another mesh here."""
         if mesh_digest(mesh) != self.mesh_digest:
             raise InputError(
                 f"{self.mesh.path} holds another mesh than on the machine that began the bake"
             )
 
     def check_frames(self, places: Iterable[FramePlace]) -> None:
-        """Raise InputError where the file of one of these frames is not here, or is another."""
+        """Raise InputError where the file of one of these frames is missing here, or has another
+        size."""
         paths = set(map(str, frame_sources([*places])))
         for file in self.files:
             if file.path in paths:
@@ -122,7 +124,7 @@ class WorkerJob:
 
 
 def packed(job: WorkerJob) -> bytes:
-    """A job as it goes with each task: a film has many frames, of much the same names."""
+    """A job as it is sent with each task. It is compressed, since names of frames are alike."""
     return zlib.compress(pickle.dumps(job))
 
 
@@ -133,10 +135,11 @@ def unpacked(job: bytes) -> WorkerJob:
 
 
 class BakeSession:
-    """The engine of a worker with the asset of a job, out of its snapshot.
+    """An engine with the asset of a job, which bakes chunk after chunk. One thread uses it at a
+    time.
 
-    folder: for the store, new; it is removed when the session is closed. Raises InputError naming
-    the file where one is missing or another than the job says, and what `stored` does.
+    folder: where the store of the engine is made, removed when the session is closed. Raises what
+    `WorkerJob.check`, `WorkerJob.check_mesh` and `stored` do.
     """
 
     def __init__(self, job: WorkerJob, folder: Path) -> None:
@@ -154,8 +157,11 @@ class BakeSession:
             self._opened = opened.pop_all()
 
     def bake(self, chunk: Chunk, done: Callable[[str], None]) -> ChunkReport:
-        """Write the files of a chunk that are not there; calls `done` with the label of each frame
-        whose files are. Raises what `Baker` does."""
+        """Write the files of a chunk that are missing, and return a report that can be pickled.
+
+        done: called with the label of each frame when its files are there. An exception that it
+        raises ends the chunk between two frames. Raises what `Baker.write` does.
+        """
         watch, job = Stopwatch(), self._job
         warnings = UnprintedWarnings("bake", job.strict, job.allow)
         part = FrameRange(chunk.numbers)
@@ -165,11 +171,11 @@ class BakeSession:
         with use_verbosity(_SILENT):
             places = baker.output.places(baker.frames.places)
             job.check_frames(places)
-            baker.write(_telling(places, done))
+            baker.write(_reporting(places, done))
         return ChunkReport(baker.written, baker.skipped, tuple(warnings.found), watch.seconds)
 
     def close(self) -> None:
-        """End the engine, and remove the store."""
+        """Close the engine, and remove its store."""
         self._opened.close()
 
     def _made(self) -> Baker:
@@ -196,9 +202,9 @@ class BakeSession:
 
 @dataclass(frozen=True)
 class ChunkReport:
-    """What a chunk came to.
+    """The result of a chunk.
 
-    written, skipped: files.  warnings: of its frames.  seconds: of each call, by step.
+    written, skipped: numbers of files.  warnings: of its frames.  seconds: of each call, by step.
     """
 
     written: int
@@ -208,21 +214,22 @@ class ChunkReport:
 
 
 class UnprintedWarnings(RunWarnings):
-    """Warnings that are not printed, but sent to where they are."""
+    """Warnings that are sent to the machine that began the bake, which prints them."""
 
     def add(self, warnings: Iterable[InputWarning]) -> None:
-        """Keep what is new."""
+        """Add warnings, each once."""
         self.found += [one for one in dict.fromkeys(warnings) if one not in self.found]
 
 
 def _settings(store: Path) -> ServiceSettings:
-    """The settings of this machine, for a store of its own."""
+    """The settings of this machine, with another store and no shared one."""
     here = ServiceSettings.from_environment()
     return replace(here, store=store, shared_store=None, build_seconds=None)
 
 
-def _telling(places: Iterable[FramePlace], done: Callable[[str], None]) -> Iterator[FramePlace]:
-    """The frames, each told when the next is asked for: then its files are there."""
+def _reporting(places: Iterable[FramePlace], done: Callable[[str], None]) -> Iterator[FramePlace]:
+    """Yield the frames. The label of each is reported when the next is asked for: its files are
+    there by then."""
     for place in places:
         yield place
         done(place.label)
@@ -230,19 +237,23 @@ def _telling(places: Iterable[FramePlace], done: Callable[[str], None]) -> Itera
 
 @dataclass(frozen=True)
 class SharedFile:
-    """A file that is read on several machines, at the same path."""
+    """A file that several machines read at the same path.
+
+    path: absolute.  nbytes: its size, by which another file of this name is noticed.
+    """
 
     path: str
     nbytes: int
 
     @classmethod
     def of(cls, path: Path) -> SharedFile:
-        """The file at a path."""
+        """The file at a path of this machine."""
         place = path.resolve()
         return cls(str(place), place.stat().st_size)
 
     def check(self) -> Path:
-        """Its path; raises InputError naming it where it is not here, or has another size."""
+        """Return the path. Raises InputError naming it where the file is missing here, or has
+        another size."""
         path = Path(self.path)
         if not path.is_file():
             raise InputError(f"no such file: {path}; paths of a cluster are the same everywhere")
@@ -252,7 +263,7 @@ class SharedFile:
 
 
 def mesh_digest(mesh: Mesh) -> str:
-    """SHA-256 of the arrays of a mesh: its file may hold the frames of a film, too."""
+    """SHA-256 of the arrays of a mesh. Its file would not do: it may hold the frames of a film."""
     digest = hashlib.sha256()
     for array in (mesh.positions, mesh.faces, mesh.uv, mesh.face_uv, mesh.centre):
         digest.update(f"{array.dtype.str} {array.shape}".encode())
@@ -261,5 +272,5 @@ def mesh_digest(mesh: Mesh) -> str:
 
 
 def _resolved(place: FramePlace) -> FramePlace:
-    """The same frame by a path that does not depend on where a process runs."""
+    """The same frame with an absolute path."""
     return place if place.file is None else replace(place, file=place.file.resolve())

@@ -1,7 +1,4 @@
-"""What a cluster works on: chunks, and what becomes of them.
-
-Nothing here depends on the cluster that is used.
-"""
+"""Chunks of a bake on a cluster, and the events of a run. Nothing here depends on Dask."""
 
 from __future__ import annotations
 
@@ -34,9 +31,9 @@ UNABLE = (KernelBuildError, NoDeviceError)
 
 @dataclass(frozen=True)
 class Chunk:
-    """Frames that are baked by one task.
+    """Frames that one task bakes.
 
-    numbers: of the frames, ascending.  text: the same to read, `1-10`.
+    numbers: of the frames, ascending.  text: the numbers as a range, `1-10`.
     """
 
     numbers: tuple[int, ...]
@@ -44,15 +41,15 @@ class Chunk:
 
 
 @dataclass(frozen=True)
-class Failure:
-    """Why a chunk cannot be baked, however often it is tried."""
+class ChunkFailed:
+    """A chunk cannot be baked, however often it is tried."""
 
     error: RhytidError
 
 
 @dataclass(frozen=True)
-class Unable:
-    """A worker cannot bake, whatever the chunk. `error` names it."""
+class WorkerUnable:
+    """A worker cannot bake any chunk.  error: the reason, which names the worker."""
 
     worker: str
     error: RhytidError
@@ -60,7 +57,7 @@ class Unable:
 
 @dataclass(frozen=True)
 class FrameDone:
-    """A frame is there, with all its files. `worker`: the address of the one that told it."""
+    """All files of a frame are there.  worker: address of the worker that said so."""
 
     label: str
     worker: str
@@ -68,7 +65,7 @@ class FrameDone:
 
 @dataclass(frozen=True)
 class ChunkDone:
-    """A chunk is baked. `report`: of its session."""
+    """A chunk is baked.  report: what its session returned."""
 
     chunk: Chunk
     report: Any
@@ -76,16 +73,17 @@ class ChunkDone:
 
 @dataclass(frozen=True)
 class WorkerLost:
-    """A worker has left; the chunk that it was at is given to another."""
+    """A worker has left. Its chunk is given to another."""
 
     address: str
 
 
-Event = FrameDone | ChunkDone | WorkerLost | Unable
+Event = FrameDone | ChunkDone | WorkerLost | WorkerUnable
 
 
 def of_worker(error: Exception, worker: str) -> RhytidError:
-    """The error with the worker before its message; what is no error of ours as a StorageError."""
+    """The error with the worker before its message. Errors of other packages become
+    StorageError."""
     kind = type(error) if isinstance(error, RhytidError) else StorageError
     known = isinstance(error, RhytidError | OSError)
     return kind(f"worker {worker}: {error if known else f'{type(error).__name__}: {error}'}")

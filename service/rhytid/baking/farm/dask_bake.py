@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rhytid.baking.baker import Baker
 from rhytid.baking.farm.bake_session import ChunkReport, WorkerJob
-from rhytid.baking.farm.chunks import Chunk, Event, FrameDone, Unable, WorkerLost
+from rhytid.baking.farm.chunks import Chunk, Event, FrameDone, WorkerLost, WorkerUnable
 from rhytid.baking.farm.dask_cluster import (
     Cluster,
     check_installed,
@@ -40,10 +40,10 @@ _OPENING = "workers start and open the skin"
 
 @dataclass
 class DaskFigures:
-    """How a bake went on a cluster.
+    """Figures of a bake on a cluster.
 
-    workers: that baked a frame.  lost: of these, that left before the end.  snapshot_bytes: that
-    each worker reads.
+    workers: number that baked a frame.  lost: number of these that left before the end.
+    snapshot_bytes: size of the asset that each worker reads.
     """
 
     workers: int = 0
@@ -53,7 +53,10 @@ class DaskFigures:
 
 
 class DaskBake:
-    """Bakes the frames of a Baker on a cluster, and counts in the Baker what is written there."""
+    """Bakes the frames of a Baker on a cluster. The Baker counts the files, too.
+
+    figures: of the run.
+    """
 
     def __init__(self, request: BakeRequest, inputs: BakeInputs, baker: Baker) -> None:
         self._request, self._inputs, self._baker = request, inputs, baker
@@ -64,8 +67,8 @@ class DaskBake:
         self.figures = DaskFigures()
 
     def run(self) -> None:
-        """Bake every frame. Raises what a single bake does, with the name of the worker where the
-        reason is there, and FarmError where the cluster does not work."""
+        """Bake every frame. Raises what `Baker.run` does, with the address of the worker where that
+        is the cause, and FarmError where the cluster does not work."""
         mine, ended = self._request.dask == LOCAL, False
         # The snapshot is beside the maps, where all workers find it.
         with shared_workplace(self._out) as shared:
@@ -103,14 +106,14 @@ class DaskBake:
         self.figures.lost = len(run.used & run.workers.lost)
 
     def _until_frame(self, events: Iterator[Event]) -> None:
-        """Take in what happens until one more frame is there."""
+        """Handle events until one more frame is done."""
         for event in events:
             if isinstance(event, FrameDone):
                 detail(f"frame {event.label} is there, by {event.worker}")
                 return
             if isinstance(event, WorkerLost):
                 note(f"rhytid: worker {event.address} has left; its frames go to another")
-            elif isinstance(event, Unable):
+            elif isinstance(event, WorkerUnable):
                 note(f"rhytid: {event.error}; its frames go to another")
             else:
                 self._count(event.report)
@@ -125,11 +128,11 @@ class DaskBake:
         baker.warnings.add(report.warnings)
 
     def _places(self) -> list[FramePlace]:
-        """Of the frames that are baked."""
+        """The frames that are baked."""
         return self._numbers.select(self._baker.frames.places)
 
     def _names(self) -> set[str]:
-        """The names of all files that this bake writes for itself alone."""
+        """Names of all files that no other bake writes."""
         name, asset = self._inputs.name, self._baker.asset
         output, geometry = self._baker.output, self._request.geometry
         records = {f"{name}.bake.{chunk.file_text()}.json" for chunk in self._chunks}
@@ -137,13 +140,13 @@ class DaskBake:
 
 
 def chunk_size(frames: int, slots: int) -> int:
-    """Frames per task where nothing says how many.  slots: tasks that run at once by now."""
+    """Frames per task where the request does not say.  slots: tasks that run at once by now."""
     return min(math.ceil(frames / (slots * _TASKS)), _LARGEST)
 
 
 def check_cluster(address: str) -> None:
-    """Raise InputError where Dask is not installed and FarmError where no scheduler answers: before
-    an asset is built."""
+    """Check before an asset is built that the cluster can be used. Raises InputError where Dask is
+    not installed, and FarmError where no scheduler answers."""
     check_installed()
     if address != LOCAL:
         with running_cluster(address):
@@ -152,8 +155,8 @@ def check_cluster(address: str) -> None:
 
 @contextmanager
 def bake_cluster(request: BakeRequest) -> Iterator[Cluster]:
-    """The cluster that runs, or one of processes here, which end with the block. Raises FarmError
-    where no scheduler answers."""
+    """The cluster of a request: one that runs already, or processes of this machine that end with
+    the block. Raises FarmError where no scheduler answers."""
     if request.dask is not None and request.dask != LOCAL:
         with running_cluster(request.dask) as cluster:
             yield cluster
@@ -167,7 +170,7 @@ def bake_cluster(request: BakeRequest) -> Iterator[Cluster]:
 
 
 def worker_devices(request: BakeRequest) -> list[str | None]:
-    """What RHYTID_DEVICE is in each process of a cluster here."""
+    """The value of RHYTID_DEVICE for each process of a local cluster; None leaves it as it is."""
     named = request.service.device
     gpus = [str(one.index) for one in candidates() if one.kind == "gpu"]
     devices: list[str | None] = [*gpus] if gpus and named is None else [named]

@@ -32,9 +32,9 @@ _NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 
 @dataclass(frozen=True)
 class Cluster:
-    """A cluster, and the processes of it that are ours.
+    """A Dask cluster.
 
-    where: its address.
+    where: address of the scheduler.  own: its processes, where this process has started them.
     """
 
     client: Client
@@ -47,8 +47,8 @@ class Cluster:
         return {address: int(one["resources"].get(RESOURCE, 0)) for address, one in workers.items()}
 
     def kill(self) -> bool:
-        """End our workers at once, where they are ours; whether they were. Those of others go on
-        until the frame at work is there."""
+        """Kill the workers, if this process has started them; return whether it has. Other workers
+        go on until their frame is done."""
         nannies: list[Nanny] = [] if self.own is None else [*self.own.workers.values()]
         for nanny in nannies:
             nanny.close_gracefully()  # or it starts another
@@ -60,7 +60,7 @@ class Cluster:
 
 @contextmanager
 def running_cluster(address: str) -> Iterator[Cluster]:
-    """A cluster whose scheduler is at `address`. Raises FarmError where none answers."""
+    """Connect to the scheduler at `address`. Raises FarmError where none answers."""
     check_installed()
     from distributed import Client
 
@@ -74,11 +74,11 @@ def running_cluster(address: str) -> Iterator[Cluster]:
 
 @contextmanager
 def local_cluster(devices: Sequence[str | None], folder: Path, quiet: bool) -> Iterator[Cluster]:
-    """A scheduler in this process, and processes that bake, all on the loopback interface. One that
-    ends is started again.
+    """Start a scheduler in this process, and processes that bake, on the loopback interface. A
+    process that ends is started again.
 
-    devices: what RHYTID_DEVICE is in each process, None = as here.  folder: for what these keep
-    while they run.  quiet: whether Dask logs no warnings.
+    devices: RHYTID_DEVICE of each process; None leaves it as it is.  folder: for temporary files of
+    the processes.  quiet: whether Dask logs no warnings.
     """
     check_installed()
     import dask
@@ -125,6 +125,6 @@ def check_installed() -> None:
 
 
 def no_worker_error(where: str, workers: int) -> FarmError:
-    """That no worker of a cluster takes chunks. `workers`: how many there are."""
+    """The error that no worker of a cluster takes chunks.  workers: how many workers there are."""
     those = f"of its {workers} none announces the resource {RESOURCE}" if workers else "it has none"
     return FarmError(f"no worker of {where} can bake, {those}: start some by `{_START}`")

@@ -1,4 +1,4 @@
-"""A run on a Dask cluster: chunks to its workers, and what becomes of them back."""
+"""One run on a Dask cluster: which worker gets which chunk, and what has become of it."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 from rhytid.baking.farm.chunks import (
     Chunk,
     ChunkDone,
+    ChunkFailed,
     Event,
-    Failure,
     FrameDone,
-    Unable,
     WorkerLost,
+    WorkerUnable,
 )
 from rhytid.baking.farm.dask_cluster import Cluster, no_worker_error
-from rhytid.baking.farm.dask_tasks import DaskTasks, Gone, Killed
+from rhytid.baking.farm.dask_tasks import ChunkKilled, DaskTasks, ReportLost
 from rhytid.errors import FarmError, RhytidError
 
 if TYPE_CHECKING:
@@ -38,10 +38,10 @@ PATIENCE, _LOOK, _RETRY = 60.0, 2.0, 0.1
 
 
 class DaskRun:
-    """Has chunks baked by the workers of a cluster; used once, within `with`.
+    """Has the workers of a cluster bake chunks. Used once, within `with`.
 
-    As many chunks are given out as workers take: the others wait here, so that the death of a
-    worker counts against the chunk alone that it was at.
+    Only as many chunks are submitted as workers take at once. The others wait here: Dask counts the
+    death of a worker against all of its tasks.
 
     workers: those of the cluster.  used: addresses of those that baked a frame.
     """
@@ -62,35 +62,35 @@ class DaskRun:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Cancel what runs, and have the workers end this run. After an error nobody waits until
-        they have, and those that are ours are killed."""
+        """Cancel running tasks, and close the sessions of workers. After an error there is no wait
+        for that, and workers of this process are killed."""
         failed = error[0] is not None
         if failed and self._cluster.kill():
             return
         self._tasks.drop([*self._running])
-        self._tasks.end(self.workers.there(), failed=failed)
+        self._tasks.end(self.workers.present(), failed=failed)
 
     def bake(self, chunks: Sequence[Chunk]) -> Iterator[Event]:
-        """What happens until all chunks are baked, in the order in which it happens; each frame is
-        told once, also where its chunk is repeated.
+        """Yield events until all chunks are baked, each frame once, also where its chunk is
+        repeated.
 
         Raises the error of the first chunk that cannot be baked, and FarmError where workers end
-        again and again at one frame, or none is there.
+        again and again at one frame, or where there is no worker.
         """
         self._waiting.extend(chunks)
         while self._waiting or self._running:
             if self.workers.due():
-                yield from self.workers.look()
-                self._take_back()
-            self._give_out()
+                yield from self.workers.update()
+                self._reassign()
+            self._submit_waiting()
             with suppress(Empty):
-                told = self._tasks.heard.get(timeout=_NEWS if self._running else _SOON)
-                yield from self._frame(**told) if isinstance(told, dict) else self._ended(told)
-        yield from self.workers.look()
+                event = self._tasks.events.get(timeout=_NEWS if self._running else _SOON)
+                yield from self._frame(**event) if isinstance(event, dict) else self._ended(event)
+        yield from self.workers.update()
 
-    def _take_back(self) -> None:
-        """Give chunks anew whose workers have all left: Dask would wait for their return."""
-        able = self.workers.able().keys()
+    def _reassign(self) -> None:
+        """Take back chunks whose workers have all left. Dask would wait for them to return."""
+        able = self.workers.available().keys()
         for future, given in [*self._running.items()]:
             if given.to is not None and given.to.isdisjoint(able):
                 del self._running[future]
@@ -105,10 +105,10 @@ class DaskRun:
     def _frames_of(self, chunk: Chunk) -> int:
         return len(self._frames[chunk.text])
 
-    def _give_out(self) -> None:
-        """Submit what waits, as far as workers take it."""
-        able = self.workers.able()
-        to = frozenset(able) if self.workers.aside else None
+    def _submit_waiting(self) -> None:
+        """Submit waiting chunks, as many as workers take."""
+        able = self.workers.available()
+        to = frozenset(able) if self.workers.excluded else None
         while self._waiting and len(self._running) < sum(able.values()):
             chunk = self._waiting.popleft()
             given = Assignment(chunk, self._frames_of(chunk), to)
@@ -126,14 +126,14 @@ class DaskRun:
             return
         chunk = given.chunk
         report = self._tasks.report(future, chunk)
-        if isinstance(report, Failure):
+        if isinstance(report, ChunkFailed):
             raise report.error
         # Frames that are there are not drawn again: it goes on as long as some are added.
-        if isinstance(report, Killed) and self._frames_of(chunk) == given.before:
+        if isinstance(report, ChunkKilled) and self._frames_of(chunk) == given.before:
             raise _deadly(chunk, report.last) from report.error
-        if isinstance(report, Killed | Gone | Unable):
+        if isinstance(report, ChunkKilled | ReportLost | WorkerUnable):
             self._waiting.appendleft(chunk)
-            if isinstance(report, Unable) and self.workers.put_aside(report):
+            if isinstance(report, WorkerUnable) and self.workers.exclude(report):
                 yield report
             return
         yield ChunkDone(chunk, report)
@@ -141,9 +141,10 @@ class DaskRun:
 
 @dataclass(frozen=True)
 class Assignment:
-    """A chunk that is given out.
+    """A chunk that is submitted.
 
-    before: its frames that were there by then.  to: the workers that may take it; None = any.
+    before: number of its frames that were done by then.  to: addresses of the workers that may take
+    it; None for any.
     """
 
     chunk: Chunk
@@ -156,10 +157,10 @@ def _deadly(chunk: Chunk, last: str) -> FarmError:
 
 
 class Workers:
-    """The workers of a cluster by the last look: which are there, and which can bake.
+    """The workers of a cluster, as of the last update.
 
-    seen: addresses of all that were there.  lost: of those that left.  aside: why those that
-    cannot bake are given no more chunks.
+    seen: addresses of all that there ever were.  lost: addresses of those that left.  excluded:
+    errors of those that cannot bake, by address.
     """
 
     def __init__(self, cluster: Cluster, patience: float = PATIENCE) -> None:
@@ -168,56 +169,57 @@ class Workers:
         self._last_able, self._looked = time.monotonic(), 0.0
         self.seen: set[str] = set()
         self.lost: set[str] = set()
-        self.aside: dict[str, RhytidError] = {}
+        self.excluded: dict[str, RhytidError] = {}
 
     def due(self) -> bool:
-        """Whether it is time for another look."""
+        """Whether it is time for an update."""
         pause = _LOOK if any(self._slots.values()) else _RETRY
         return time.monotonic() - self._looked >= pause
 
-    def look(self) -> Iterator[WorkerLost]:
-        """See who is there, and tell who has left. Raises FarmError where nobody has been there for
-        too long, and the error of the last worker where none can bake."""
+    def update(self) -> Iterator[WorkerLost]:
+        """Ask the cluster which workers there are, and yield those that have left. Raises FarmError
+        where there has been none for too long, and the error of the last one where none can
+        bake."""
         now = time.monotonic()
         self._looked, self._slots = now, self._cluster.slots()
-        there = set(self.there())
+        there = set(self.present())
         lost, self.seen = self.seen - there, self.seen | there
         yield from map(WorkerLost, lost - self.lost)
         self.lost |= lost
-        if there - self.aside.keys():
+        if there - self.excluded.keys():
             self._last_able = now
         elif now - self._last_able > self._patience or (self._slots and not self.seen):
             raise self._none_left()
 
-    def there(self) -> list[str]:
-        """The addresses of those that take chunks, whether they can bake or not."""
+    def present(self) -> list[str]:
+        """Addresses of workers that take chunks, whether they can bake or not."""
         return [address for address, slots in self._slots.items() if slots]
 
-    def able(self) -> dict[str, int]:
-        """How many chunks those that can bake take at once. Raises the error of one that cannot
-        where none is left, and none has gone that may return."""
-        able = {one: self._slots[one] for one in self.there() if one not in self.aside}
-        if self.aside and not able and not self.lost - self.aside.keys():
+    def available(self) -> dict[str, int]:
+        """How many chunks each worker takes at once, of those that can bake. Raises the error of an
+        excluded one where no other is left that may return."""
+        able = {one: self._slots[one] for one in self.present() if one not in self.excluded}
+        if self.excluded and not able and not self.lost - self.excluded.keys():
             raise self._none_left()
         return able
 
     def slots(self) -> int:
-        """How many chunks the cluster takes at once; waits until there is a worker. Raises
+        """How many chunks the cluster takes at once. Waits until there is a worker; raises
         FarmError where none comes."""
         while not sum(self._slots.values()):
-            for _ in self.look():
+            for _ in self.update():
                 pass
             time.sleep(_RETRY)
         return sum(self._slots.values())
 
-    def put_aside(self, unable: Unable) -> bool:
-        """Give a worker no more chunks; whether it had any until now."""
-        if unable.worker in self.aside:
+    def exclude(self, unable: WorkerUnable) -> bool:
+        """Give a worker no more chunks; return whether it was not excluded yet."""
+        if unable.worker in self.excluded:
             return False
-        self.aside[unable.worker] = unable.error
+        self.excluded[unable.worker] = unable.error
         return True
 
     def _none_left(self) -> RhytidError:
-        """Why the last worker cannot bake, or that there is none."""
-        reasons = [*self.aside.values()]
+        """The error of the last excluded worker, or that there is no worker."""
+        reasons = [*self.excluded.values()]
         return reasons[-1] if reasons else no_worker_error(self._cluster.where, len(self._slots))

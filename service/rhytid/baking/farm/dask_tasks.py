@@ -1,4 +1,4 @@
-"""Chunks as tasks of a Dask scheduler, and what becomes of them."""
+"""Chunks as tasks of a Dask scheduler."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ _NEEDED = f"scheduler and workers need rhytid {__version__} with the extra dask"
 
 
 @dataclass(frozen=True)
-class Killed:
-    """Several workers ended at a chunk, in turn.
+class ChunkKilled:
+    """Several workers in turn ended at a chunk.
 
-    last: the address of the last one.  error: what Dask says of it.
+    last: address of the last one.  error: as Dask reports it.
     """
 
     last: str
@@ -42,28 +42,27 @@ class Killed:
 
 
 @dataclass(frozen=True)
-class Gone:
-    """A chunk was baked, but its report went with the worker."""
+class ReportLost:
+    """A chunk was baked, but its report was lost with the worker."""
 
 
 class DaskTasks:
     """The tasks of one run.
 
-    heard: what workers tell of frames, and the tasks that have ended, in the order in which it
-    happens.
+    events: frames that workers report, and tasks that have ended, in this order of time.
     """
 
     def __init__(self, cluster: Cluster, job: WorkerJob) -> None:
         self._cluster, self._job = cluster, packed(job)
         self._name = f"rhytid-bake-{uuid4().hex[:12]}"
-        self.heard: SimpleQueue[dict[str, str] | Future[Any]] = SimpleQueue()
+        self.events: SimpleQueue[dict[str, str] | Future[Any]] = SimpleQueue()
 
     def listen(self) -> None:
-        """Begin to hear what workers tell."""
+        """Begin to receive events of workers."""
         self._cluster.client.subscribe_topic(self._name, self._hear)
 
     def submit(self, chunk: Chunk, to: Iterable[str] | None) -> Future[Any]:
-        """Give out a chunk.  to: addresses of the workers that may take it; None = any."""
+        """Submit a chunk.  to: addresses of the workers that may take it; None for any."""
         from rhytid.baking.farm.dask_worker import bake_chunk
 
         future = self._cluster.client.submit(
@@ -77,26 +76,26 @@ class DaskTasks:
             resources={RESOURCE: 1},
             workers=None if to is None else [*to],
         )
-        future.add_done_callback(self.heard.put)
+        future.add_done_callback(self.events.put)
         return future
 
     def drop(self, futures: Sequence[Future[Any]]) -> None:
-        """Take chunks back."""
+        """Cancel tasks."""
         if futures:
             self._cluster.client.cancel(futures, force=True)
 
     def report(self, future: Future[Any], chunk: Chunk) -> Any:
-        """What a task that has ended returned, Killed or Gone. Raises FarmError where the cluster
-        does not work, and the error that the last try at the chunk raised."""
+        """The result of a task that has ended, ChunkKilled or ReportLost. Raises FarmError where
+        the cluster does not work, and the error of the last try where the chunk failed."""
         from distributed import CancelledError, KilledWorker, TimeoutError
 
         try:
             return future.result(timeout=_FETCH)
         except KilledWorker as error:
-            return Killed(error.last_worker.address, error)
+            return ChunkKilled(error.last_worker.address, error)
         except TimeoutError:
             self.drop([future])
-            return Gone()
+            return ReportLost()
         except CancelledError as error:
             where = self._cluster.where
             message = f"the scheduler {where} has ended, or has dropped frames {chunk.text}"
@@ -110,7 +109,8 @@ class DaskTasks:
             raise FarmError(message) from error
 
     def end(self, workers: Sequence[str], *, failed: bool) -> None:
-        """Have these workers close their sessions. After an error nobody waits until they have."""
+        """Close the sessions of these workers. After an error there is no wait until they are
+        closed."""
         self._cluster.client.unsubscribe_topic(self._name)
         # The cluster may be gone: then there is no answer.
         farewell = threading.Thread(target=self._end, args=(workers, not failed), daemon=True)
@@ -126,5 +126,6 @@ class DaskTasks:
             )
 
     def _hear(self, event: tuple[float, dict[str, str]]) -> None:
-        """What a worker tells, to which Dask adds its address; on a thread of the client."""
-        self.heard.put(event[1])
+        """Receive an event of a worker, to which Dask adds its address. Runs on a thread of the
+        client."""
+        self.events.put(event[1])

@@ -1,7 +1,7 @@
 """The part of a bake that runs in the workers of a Dask cluster.
 
-Nothing is registered at the scheduler: what a client that is killed leaves behind is one session
-per worker, which closes itself.
+Nothing is registered at the scheduler. A client that is killed leaves one session per worker, which
+closes itself.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from rhytid.baking.farm.chunks import (
     FINAL,
     UNABLE,
     Chunk,
-    Failure,
-    Unable,
+    ChunkFailed,
+    WorkerUnable,
     of_worker,
 )  # fmt: skip
 from rhytid.errors import CancelledError
@@ -33,34 +33,36 @@ IDLE = 600.0
 
 
 class HeldSession:
-    """The session of one run on one worker, made for its first chunk.
+    """The session of one run on one worker, opened for its first chunk.
 
-    name: of the run; the topic of its events has it.  idle: seconds without a chunk after which the
-    session is closed. The next chunk makes another.
+    name: of the run, and of the topic of its events.  idle: seconds without a chunk after which the
+    session is closed; the next chunk opens another.
     """
 
     def __init__(self, name: str, worker: Worker, idle: float = IDLE) -> None:
         self._name, self._worker, self._idle = name, worker, idle
         self._session: BakeSession | None = None
-        self._unable: Unable | None = None
+        self._unable: WorkerUnable | None = None
         self._lock, self._stopped = threading.Lock(), threading.Event()
         self._watcher: threading.Timer | None = None
 
     def bake(self, job: bytes, chunk: Chunk) -> Any:
-        """The report of a chunk, a Failure, or Unable.  job: a packed WorkerJob. Other
-        errors are raised with the name of the worker, so that Dask tries the chunk again; by then
-        the session is made anew."""
+        """Bake a chunk. Returns its report, ChunkFailed or WorkerUnable.
+
+        job: a packed WorkerJob. Other errors close the session and are raised with the name of the
+        worker, so that Dask tries the chunk again.
+        """
         with self._lock:
             self._rest()
             try:
                 session = self._opened(job)
-                if isinstance(session, Unable):
+                if isinstance(session, WorkerUnable):
                     return session
                 return session.bake(chunk, partial(self._done, chunk))
             except UNABLE as error:
-                return self._put_aside(error)
+                return self._exclude(error)
             except FINAL as error:
-                return Failure(error)
+                return ChunkFailed(error)
             except Exception as error:
                 self._drop()
                 raise of_worker(error, self._worker.address) from error
@@ -71,7 +73,7 @@ class HeldSession:
                 self._watch()
 
     def stop(self) -> None:
-        """Have the chunk at work end after the frame that is drawn now; no other is begun."""
+        """Have the running chunk end after the present frame, and begin no other."""
         self._stopped.set()
 
     def close(self) -> None:
@@ -80,8 +82,8 @@ class HeldSession:
             self._rest()
             self._drop()
 
-    def _opened(self, job: bytes) -> BakeSession | Unable:
-        """The session, or why there can be none: that is found out once."""
+    def _opened(self, job: bytes) -> BakeSession | WorkerUnable:
+        """The session, or why there can be none. A failure is remembered."""
         if self._stopped.is_set():
             raise CancelledError("the bake has ended")
         if self._session is None and self._unable is None:
@@ -92,15 +94,15 @@ class HeldSession:
                 folder = Path(self._worker.local_directory) / self._name
                 self._session = unpacked(job).session(folder)
             except Exception as error:  # noqa: BLE001 what it lacks may show in any way
-                return self._put_aside(error)
+                return self._exclude(error)
         found = self._unable or self._session
         assert found is not None
         return found
 
-    def _put_aside(self, error: Exception) -> Unable:
+    def _exclude(self, error: Exception) -> WorkerUnable:
         self._drop()
         address = self._worker.address
-        self._unable = Unable(address, of_worker(error, address))
+        self._unable = WorkerUnable(address, of_worker(error, address))
         return self._unable
 
     def _done(self, chunk: Chunk, label: str) -> None:
@@ -109,19 +111,19 @@ class HeldSession:
             raise CancelledError("the bake has ended")
 
     def _watch(self) -> None:
-        """Wait for the next chunk, for so long: one thread at a time does."""
+        """Start the timer that closes the session. There is one at a time."""
         self._watcher = threading.Timer(self._idle, self._alone)
         self._watcher.daemon = True
         self._watcher.start()
 
     def _rest(self) -> None:
-        """End the wait for the next chunk."""
+        """Stop the timer."""
         if self._watcher is not None:
             self._watcher.cancel()
             self._watcher = None
 
     def _alone(self) -> None:
-        """Close the session where no chunk has come meanwhile."""
+        """Close the session, unless a chunk has come meanwhile."""
         with self._lock:
             if self._watcher is threading.current_thread():
                 self._drop()
@@ -140,7 +142,7 @@ _guard = threading.Lock()
 
 
 def bake_chunk(name: str, job: bytes, chunk: Chunk) -> Any:
-    """The task of one chunk, by the session of this run on the worker that runs it."""
+    """The task of one chunk: bakes it with the session of the run on this worker."""
     worker = get_worker()
     with _guard:
         if name in _over:
@@ -150,8 +152,8 @@ def bake_chunk(name: str, job: bytes, chunk: Chunk) -> Any:
 
 
 async def end_run(name: str, dask_worker: Worker) -> None:
-    """End a run on a worker: its session closes after the frame at work. The worker does not wait
-    meanwhile. Dask gives it by the name of the parameter."""
+    """End a run on a worker: its session closes after the present frame. The event loop of the
+    worker does not block meanwhile. Dask passes the worker by the name `dask_worker`."""
     with _guard:
         _over.append(name)
         held = _held.pop((name, dask_worker.address), None)

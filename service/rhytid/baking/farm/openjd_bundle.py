@@ -1,11 +1,11 @@
-"""A bake as a job bundle: a folder that submitters of render farms take.
+"""A bake as a job bundle of Open Job Description (OpenJD), version 2023-09, for render farms.
 
-The bundle holds a job template of Open Job Description (OpenJD), version 2023-09 with the extension
-TASK_CHUNKING: https://github.com/OpenJobDescription/openjd-specifications. A template names no
-path: those are values of parameters, which a farm maps to where files are on its workers.
+A bundle is a folder that submitters take. Its job template uses the extension TASK_CHUNKING:
+https://github.com/OpenJobDescription/openjd-specifications. The template names no path: paths are
+values of parameters, which a farm maps to where files are on its workers.
 
-Beside the template: the asset as a snapshot, `parameter_values.json`, with the paths of this
-machine, and `asset_references.json`, with the files that a farm carries to its workers, both as
+Beside the template are a snapshot of the asset, `parameter_values.json` with the paths of this
+machine, and `asset_references.json` with the files that a farm copies to its workers, both as
 Deadline Cloud reads them.
 """
 
@@ -49,7 +49,7 @@ _DRAWING = "What `rhytid --version` calls drawing, which workers must have; empt
 
 
 def write_job(request: BakeRequest, baker: Baker, inputs: BakeInputs) -> BakeSummary:
-    """Write the bundle of what the request would bake; the summary says how it is run."""
+    """Write the bundle of a request. The summary says how it is run."""
     folder = request.openjd
     assert folder is not None
     frames = inputs.part or FrameRange.of(frame_numbers(inputs.frames.places))
@@ -98,7 +98,7 @@ def _bundle(
 
 
 def _options(request: BakeRequest) -> list[str]:
-    """The options that every task has as they were given."""
+    """Options of `rhytid bake` that are the same in every task."""
     words = ["--stretch", request.query.stretch, "--sampling", request.query.sampling]
     words += ["--profile", *(profile.name for profile in request.profiles)]
     words += ["--fps", repr(request.clip.fps)]
@@ -114,9 +114,9 @@ def _options(request: BakeRequest) -> list[str]:
 
 @dataclass(frozen=True)
 class JobBundle:
-    """A job and where its files are on this machine.
+    """A job, and where its files are on this machine.
 
-    mesh: the neutral.  frames: the files of frames; none where the mesh file holds them.  out: the
+    mesh: file of the neutral.  frames: files of frames; empty where the mesh file holds them.  out:
     folder of the maps.  listing: text of `frames.txt`, whose names are relative to
     `common_folder(frames)`.
     """
@@ -128,17 +128,18 @@ class JobBundle:
     listing: str = ""
 
     def paths(self) -> dict[str, str]:
-        """The values of parameters that have no default."""
+        """Values of the parameters that have no default."""
         found = {"Mesh": self.mesh, "Out": self.out}
         if self.frames:
             found["FramesFolder"] = common_folder(self.frames)
         return {name: _plain(path) for name, path in found.items()}
 
     def write(self, folder: Path, snapshot: Iterable[bytes]) -> None:
-        """Write the bundle; a new template is there last, when all that it needs is.
+        """Write the bundle into a folder. The template is written last, so that it is never there
+        without the files that it needs.
 
-        snapshot: the pieces of the asset. Raises LimitError where a value is longer than a
-        parameter can be.
+        snapshot: the pieces of the asset. Raises LimitError where a value is longer than OpenJD
+        allows.
         """
         for name, value in {"Frames": self.job.frames, **self.paths()}.items():
             if len(value) > _LONGEST:
@@ -167,7 +168,7 @@ class JobBundle:
 
 
 def common_folder(files: Sequence[Path]) -> Path:
-    """The folder that all files are in, or below; the present one where there are none. Raises
+    """The deepest folder above all files; the current one where there are no files. Raises
     InputError where they are on several drives."""
     folders = [Path(_plain(file)).parent for file in files]
     try:
@@ -177,7 +178,7 @@ def common_folder(files: Sequence[Path]) -> Path:
 
 
 def _plain(path: Path) -> str:
-    """An absolute path without `..`: farms map paths by how they begin."""
+    """An absolute path without `..`. Farms map paths by their beginnings."""
     return os.path.abspath(path)  # noqa: PTH100 `resolve` would follow links
 
 
@@ -192,12 +193,12 @@ def _write(file: Path, text: str) -> None:
 
 @dataclass(frozen=True)
 class BakeJob:
-    """What a job bakes.
+    """The job that a template describes.
 
-    asset: id, in the snapshot.  name: first part of the names of files.  frames: their numbers, as
-    `--frame-range` has them.  chunk: frames per task.  method, resolution: defaults of parameters.
-    methods: those that the asset is ready for.  options: of `rhytid bake`, the same in every task.
-    listed: whether frames are in files that `frames.txt` names, not in the file of the mesh.
+    asset: its id, in the snapshot.  name: first part of the names of files.  frames: range of
+    numbers.  chunk: frames per task.  method, resolution: defaults of parameters.  methods: those
+    that the asset is ready for.  listed: whether `frames.txt` names the frames; else the mesh file
+    holds them.  options: of `rhytid bake`, the same in every task.
     """
 
     asset: str
@@ -211,7 +212,7 @@ class BakeJob:
     options: Sequence[str] = field(default=())
 
     def template(self) -> Json:
-        """The template, as JSON."""
+        """The template as JSON."""
         return {
             "specificationVersion": VERSION,
             "extensions": ["TASK_CHUNKING"],
@@ -222,7 +223,7 @@ class BakeJob:
         }
 
     def parameters(self) -> list[Json]:
-        """The parameters of the job, in the order in which a submitter shows them."""
+        """The parameters, in the order in which a submitter shows them."""
         frames = "Frames to bake by their numbers: 1-10,15,20-30:2."
         method = "How maps are drawn."
         if "binned" not in self.methods:
@@ -273,7 +274,7 @@ class BakeJob:
         }
 
     def _bake(self) -> list[str]:
-        """The arguments of a task."""
+        """The arguments of `rhytid` in a task."""
         given = {
             "--mesh": "{{Param.Mesh}}",
             "--out": "{{Param.Out}}",
