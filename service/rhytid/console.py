@@ -1,4 +1,4 @@
-"""What a command tells people and programs: progress and notes on stderr, results on stdout.
+"""Output of commands: progress and notes on stderr, results on stdout or in files.
 
 Progress is a bar on a terminal, elsewhere a line every ten seconds. For a task of a render farm the
 same is printed on stdout, as the worker agents of Open Job Description read it.
@@ -268,6 +268,15 @@ def _is_number(cell: str) -> bool:
     mantissa, _, exponent = cell.partition("e")
     digits = mantissa.replace(".", "").replace(",", "").lstrip("-") + exponent.lstrip("+-")
     return not cell or digits.isdigit()
+
+
+def check_suffix(file: Path, suffix: str, what: str) -> None:
+    """Raise InputError where the name of a file that will be written ends otherwise.
+
+    what: words for what it holds, as in "the picture".
+    """
+    if file.suffix.lower() != suffix:
+        raise InputError(f"{file}: {what} is written as {suffix}")
 
 
 def make_place(file: Path | None) -> None:

@@ -1,4 +1,4 @@
-"""What a bake is asked for, and what it comes to."""
+"""The request of a bake, and the summary of its result."""
 
 from __future__ import annotations
 

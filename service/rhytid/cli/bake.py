@@ -67,15 +67,15 @@ def add_command(commands: Commands) -> None:
     skin.add_argument("--settings", type=readable, metavar="FILE", help=settings)
     _add_output(parser.add_argument_group("output"))
     _add_machines(parser.add_argument_group("assets, devices and many machines"))
-    told = parser.add_argument_group("what is reported")
-    add_strict(told)
-    add_json(told)
-    add_progress(told)
+    reports = parser.add_argument_group("what is reported")
+    add_strict(reports)
+    add_json(reports)
+    add_progress(reports)
     parser.set_defaults(run=run, usage_error=parser.refuse)
 
 
 def _add_input(group: Arguments) -> None:
-    """The mesh and its frames."""
+    """Add the options of the mesh and its frames."""
     add = group.add_argument
     add_mesh(group, "NEUTRAL")
     frames = f"{FRAME_FILES}; not needed where NEUTRAL holds frames"
@@ -91,7 +91,7 @@ def _add_input(group: Arguments) -> None:
 
 
 def _add_output(group: Arguments) -> None:
-    """What is drawn, and which files are written."""
+    """Add the options of what is drawn and written."""
     add = group.add_argument
     add("--out", type=Path, required=True, metavar="DIR", help="folder of the maps")
     name = "first part of file names (default: NEUTRAL's)"
@@ -108,7 +108,7 @@ def _add_output(group: Arguments) -> None:
 
 
 def _add_machines(group: Arguments) -> None:
-    """Where the asset is kept, and who draws."""
+    """Add the options of stores, devices and many machines."""
     add = group.add_argument
     store = "keep the built asset here, or take --asset from here (default: a temporary folder)"
     add("--store", type=Path, metavar="DIR", help=store)
@@ -129,7 +129,7 @@ def _add_machines(group: Arguments) -> None:
 
 
 def _add_dask(group: Arguments) -> None:
-    """`--dask` and `--dask-workers`."""
+    """Add `--dask` and `--dask-workers`."""
     add = group.add_argument
     where = (
         f"bake on the workers of the Dask scheduler at this address, or of processes here: {LOCAL}"
@@ -142,7 +142,7 @@ def _add_dask(group: Arguments) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Bake what the arguments ask for, and report how that went."""
+    """Bake what the arguments ask for, and report the result."""
     _refuse_conflicts(arguments)
     if arguments.drawing_version:
         check_drawing(arguments.drawing_version)
@@ -156,7 +156,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _request(arguments: argparse.Namespace) -> BakeRequest:
-    """What the arguments ask for; raises InputError and SettingsError naming what is wrong."""
+    """The request that the arguments make. Raises InputError and SettingsError naming what is
+    wrong."""
     from rhytid.textures.profiles import profiles_of
 
     profiles = profiles_of(arguments.profile or (["half"] if arguments.half else ["float"]))
@@ -188,7 +189,7 @@ def _request(arguments: argparse.Namespace) -> BakeRequest:
 
 
 def _refuse_conflicts(arguments: argparse.Namespace) -> None:
-    """End with a usage error where an option excludes another, or has no effect beside it."""
+    """End with a usage error where options exclude each other, or where one has no effect."""
     refuse_without_effect(arguments)
     _refuse_beside_asset(arguments)
     _refuse_dask_conflicts(arguments)
@@ -203,8 +204,8 @@ def _refuse_conflicts(arguments: argparse.Namespace) -> None:
 
 
 def _refuse_beside_asset(arguments: argparse.Namespace) -> None:
-    """The same where `--asset` is given without a store, or with an option that says how an asset
-    is built."""
+    """End with a usage error where `--asset` has no store, or stands beside an option of how an
+    asset is built."""
     if arguments.asset is None:
         return
     shared_store = service_settings(None, None, arguments.shared_store).shared_store
@@ -217,8 +218,7 @@ def _refuse_beside_asset(arguments: argparse.Namespace) -> None:
 
 
 def _refuse_dask_conflicts(arguments: argparse.Namespace) -> None:
-    """End with a usage error where an option of these has no effect, or where one has none on a
-    cluster that runs already."""
+    """End with a usage error where the options of `--dask` exclude others, or have no effect."""
     error, address = arguments.usage_error, arguments.dask
     if address is not None and arguments.openjd is not None:
         error("--openjd and --dask are two ways to many machines: use one")

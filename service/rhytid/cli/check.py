@@ -1,4 +1,4 @@
-"""`rhytid check`: what is right and wrong with a mesh, before anything is made of it."""
+"""`rhytid check`: problems of a mesh and its frames, found before anything is made of them."""
 
 from __future__ import annotations
 
@@ -19,9 +19,8 @@ from rhytid.cli.options import (
     readable,
 )
 from rhytid.cli.parser import Commands, new_command
-from rhytid.console import counted, report, table, working
+from rhytid.console import check_suffix, counted, make_place, report, table, working
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.errors import InputError
 
 if TYPE_CHECKING:
     from rhytid.baking.run_warnings import RunWarnings
@@ -57,7 +56,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read, check, write and report; with --strict warnings are an error at the end."""
+    """Check the mesh, and report. With --strict, warnings are an error at the end."""
     from rhytid.baking.run_warnings import RunWarnings
 
     with RunWarnings("check", arguments.strict, arguments.allow) as warnings:
@@ -67,14 +66,12 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     from rhytid.baking.input_files import mesh_file
-    from rhytid.console import make_place
     from rhytid.meshes.check import MeshCheck
     from rhytid.meshes.words import HEADER, rows
 
     picture: Path | None = arguments.picture
     if picture is not None:
-        if picture.suffix.lower() != _PNG:
-            raise InputError(f"{picture}: the picture is written as {_PNG}")
+        check_suffix(picture, _PNG, "the picture")
         make_place(picture)
     AssetSettings.parse({"resolution": arguments.resolution})
     read = mesh_file(arguments.mesh, cache_clip(arguments))
@@ -94,7 +91,7 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
 def _frames(
     arguments: argparse.Namespace, check: MeshCheck, warnings: RunWarnings
 ) -> dict[str, Any]:
-    """Report the warnings of the mesh and of every frame; how many frames there are."""
+    """Add the warnings of the mesh and of every frame; return the number of frames, for JSON."""
     from dataclasses import replace
 
     from rhytid.baking.frames import FrameFiles

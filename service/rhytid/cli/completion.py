@@ -1,4 +1,4 @@
-"""`rhytid completion`: a script by which a shell completes commands, options and files."""
+"""`rhytid completion`: a script by which a shell completes commands, options and file names."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """Those of a parser and of its commands."""
+    """The actions of a parser and of its commands."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for command in action.choices.values():
@@ -44,6 +44,6 @@ def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
 
 
 def _takes_files(action: argparse.Action) -> bool:
-    """Whether the type of an argument makes paths."""
+    """Whether an argument is the name of a file."""
     made = getattr(action.type, "__annotations__", {}).get("return")
     return action.type is Path or made in (Path, "Path")

@@ -16,7 +16,7 @@ from rhytid.cli.options import (
     prim_clip,
 )
 from rhytid.cli.parser import Commands, new_command
-from rhytid.console import counted, note
+from rhytid.console import check_suffix, counted, make_place, note
 from rhytid.domain.control_samples import NAMES, samples, title
 from rhytid.errors import InputError
 
@@ -49,17 +49,15 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read the mesh, draw every control, write the picture."""
+    """Draw every control, and write the picture."""
     from rhytid.baking.input_files import mesh_file
     from rhytid.cli.control_skins import ControlSkins
     from rhytid.cli.graph_output import PNG, open_device
-    from rhytid.console import make_place
     from rhytid.durable import whole
     from rhytid.pictures.control_sheet import control_sheet
 
     out: Path = arguments.out
-    if out.suffix.lower() != PNG:
-        raise InputError(f"{out}: the picture is written as {PNG}")
+    check_suffix(out, PNG, "the picture")
     if len(arguments.patch) not in (0, 2, 3):
         raise InputError(f"--patch has {len(arguments.patch)} numbers: U V or X Y Z")
     read = mesh_file(arguments.mesh, prim_clip(arguments.prim))

@@ -1,4 +1,4 @@
-"""`rhytid convert`: a mesh and its animation, from any file that commands read, as one npz."""
+"""`rhytid convert`: a mesh and its animation as one npz, from any file that commands read."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ from rhytid.cli.options import (
     readable,
 )
 from rhytid.cli.parser import Commands, new_command
-from rhytid.console import counted, report
+from rhytid.console import check_suffix, counted, make_place, report
 from rhytid.domain.frame import counted_frame
 from rhytid.domain.wording import plural
-from rhytid.errors import InputError
 
 SUMMARY = "Write a mesh and its animation as one npz, to send it to a server: USD, too."
 DETAILS = """
@@ -43,17 +42,15 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read the mesh, write it with its frames, and say how a server knows them."""
+    """Write the mesh with its frames, and report which names the frames have on a server."""
     from rhytid.baking.frames import FrameFiles
     from rhytid.baking.input_files import mesh_file
     from rhytid.baking.run_warnings import RunWarnings
-    from rhytid.console import make_place
     from rhytid.durable import whole
     from rhytid.formats.npz_files import write_mesh_npz
 
     out: Path = arguments.out
-    if out.suffix.lower() != ".npz":
-        raise InputError(f"{out}: the mesh is written as .npz")
+    check_suffix(out, ".npz", "the mesh")
     clip = cache_clip(arguments)
     read = mesh_file(arguments.mesh, clip)
     with RunWarnings("convert", False) as warnings:

@@ -1,4 +1,4 @@
-"""`rhytid devices`: what could compute here, and what would."""
+"""`rhytid devices`: the OpenCL devices of this machine, and which one is used."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """List the devices; raises NoDeviceError where none computes, naming the ways to get one."""
+    """List the devices. Raises NoDeviceError where none computes, naming the ways to get one."""
     # Imported here, because looking for OpenCL drivers takes time that --help should not.
     from rhytid.device.select import candidates, choose
 

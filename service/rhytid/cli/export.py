@@ -1,4 +1,4 @@
-"""`rhytid export`: a skin package, all that the fast method reads at run time."""
+"""`rhytid export`: a skin package, which holds all that the fast method reads at run time."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Take or build the asset, write the package and report its figures."""
+    """Take or build the asset, write the package, and report its figures."""
     if arguments.asset is not None:
         for name in _BUILDING:
             given = getattr(arguments, name)
@@ -122,7 +122,10 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Skin:
-    """The id of a ready asset, its mesh, and the shapes that become morph targets."""
+    """The skin of a package.
+
+    asset: id of a ready asset.  shapes: become morph targets.
+    """
 
     asset: str
     mesh: Mesh
@@ -131,8 +134,10 @@ class _Skin:
 
 @dataclass(frozen=True, eq=False)
 class _NewSkin:
-    """An asset that is built for the package.  calibrated: whether the settings fix the range of
-    the maps."""
+    """An asset that is built for the package.
+
+    shapes: become morph targets.  calibrated: whether the settings give the range of the maps.
+    """
 
     new: NewAsset
     shapes: Expressions | None
@@ -140,7 +145,7 @@ class _NewSkin:
 
     @classmethod
     def read(cls, arguments: argparse.Namespace, clip: Clip, warnings: RunWarnings) -> _NewSkin:
-        """Read everything, and warn of what is doubtful in it; raises InputError, LimitError and
+        """Read and check all files, and print warnings. Raises InputError, LimitError and
         SettingsError naming the file or the setting."""
         from rhytid.baking.input_files import mesh_file
         from rhytid.baking.inputs import new_asset
@@ -162,7 +167,7 @@ class _NewSkin:
         return cls(new, shapes, "r_max" in given.get("bins", {}))
 
     def built(self, engine: Engine, warnings: RunWarnings) -> _Skin:
-        """The asset, its maps made for the shape that stretches most."""
+        """Build the asset. The range of its maps fits the shape that stretches most."""
         from rhytid.baking.assets import build, finish
 
         asset = build(engine, self.new, warnings)
@@ -177,8 +182,8 @@ class _NewSkin:
 
 
 def _stored(engine: Engine, arguments: argparse.Namespace, clip: Clip) -> _Skin:
-    """A built asset of the store of the engine, with the shapes of `--shapes`, else with the named
-    ones that came with its mesh; raises NotFoundError, NotReadyError."""
+    """A built asset of the store, with the shapes of `--shapes`, else with those that came with its
+    mesh. Raises NotFoundError and NotReadyError."""
     from rhytid.baking.input_files import shape_files
     from rhytid.formats.meshes import MeshFile
 
@@ -193,7 +198,8 @@ def _stored(engine: Engine, arguments: argparse.Namespace, clip: Clip) -> _Skin:
 
 @contextmanager
 def _engine(arguments: argparse.Namespace) -> Iterator[Engine]:
-    """On the store that is named; for a new asset without one it lasts as long as the command."""
+    """An engine on the store that is named. Without one, a new asset lasts as long as the
+    command."""
     from rhytid.cli.snapshot import opened
     from rhytid.engine.engine import Engine
 

@@ -1,14 +1,17 @@
-"""`rhytid graph`: what a wrinkle graph is on its mesh, as figures, curves and a picture."""
+"""`rhytid graph`: a wrinkle graph on its mesh as figures, curves and a picture."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from rhytid.cli.graph_output import add_outputs, check_outputs, open_device, write_outputs
+from rhytid.cli.graph_output import (
+    add_outputs,
+    check_outputs,
+    open_device,
+    placed_graph,
+    write_outputs,
+)
 from rhytid.cli.options import (
     MESH_FILES,
     add_force,
@@ -20,14 +23,10 @@ from rhytid.cli.options import (
     readable,
 )
 from rhytid.cli.parser import Commands, new_command
-from rhytid.console import working
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.graph import WrinkleGraph
-from rhytid.domain.mesh import Mesh
 
 if TYPE_CHECKING:
     from rhytid.baking.run_warnings import RunWarnings
-    from rhytid.device.runtime import Device
 
 
 def add_command(commands: Commands) -> None:
@@ -50,7 +49,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read both, find the pores on the mesh, write, and report the figures."""
+    """Read both files, find the pores on the mesh, write the outputs, and report the figures."""
     from rhytid.baking.run_warnings import RunWarnings
 
     with RunWarnings("graph", arguments.strict, arguments.allow) as warnings:
@@ -68,25 +67,3 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     graph = placed_graph(lambda: device, mesh, graph_file(arguments.graph), force=arguments.force)
     facts = {"file": str(arguments.graph), "warnings": warnings.figures()}
     write_outputs(arguments, device, mesh, graph, facts)
-
-
-def placed_graph(
-    opened: Callable[[], Device], mesh: Mesh, graph: WrinkleGraph, *, force: bool
-) -> WrinkleGraph:
-    """The graph with the triangle of every pore; a device finds those that the file leaves open.
-
-    opened: the device, called only where it is needed.
-    """
-    from rhytid.domain.curves import with_triangles
-    from rhytid.engine.given_graphs import check_graph
-    from rhytid.pipeline.locate import locate_points
-
-    check_graph(graph, mesh, force=force)
-    known = graph.node_triangle
-    if known is not None and (known >= 0).all():
-        return graph
-    settings, device = AssetSettings(), opened()
-    with working("placing the pores"), device.task():
-        found = locate_points(device, mesh, graph.node_uv, settings.resolution, settings.padding)
-    triangle = found if known is None else np.where(known >= 0, known, found)
-    return with_triangles(graph, triangle, len(mesh.faces))

@@ -52,7 +52,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Do what `action` says; raises InputError for a name that is taken, or not there."""
+    """Create, list or revoke keys. Raises InputError for a name that is taken or unknown."""
     listed = arguments.action == "list"
     if listed == (arguments.name is not None):
         arguments.usage_error(f"{arguments.action} takes {'no' if listed else 'a'} NAME")

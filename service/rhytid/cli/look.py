@@ -50,7 +50,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read the names of the maps, write both files and report their figures."""
+    """Write both files for the maps of a folder, and report their figures."""
     from rhytid.durable import whole, write_file
     from rhytid.formats.materialx_look import materialx_look
     from rhytid.formats.usd_look import usd_look
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _note_gaps(frames: Sequence[str]) -> None:
-    """Note which numbers have no map, and what is shown there."""
+    """Print which frames between the first and the last have no map, and what is shown there."""
     if len(frames) < 2 or not all(frame.isdecimal() for frame in frames):
         return
     numbers = [int(frame) for frame in frames]
@@ -91,7 +91,7 @@ def _note_gaps(frames: Sequence[str]) -> None:
 
 
 def found(arguments: argparse.Namespace) -> Look:
-    """The look of the maps in a folder; raises InputError naming what is missing there."""
+    """The look of the maps in a folder. Raises InputError naming what is missing."""
     from rhytid.formats.exr import read_attributes
     from rhytid.formats.look import Look
 
@@ -122,7 +122,7 @@ def found(arguments: argparse.Namespace) -> Look:
 
 
 def _maps(folder: Path, name: str | None) -> tuple[str, set[tuple[int, str]]]:
-    """The name of the maps in a folder, and their UDIMs and frames."""
+    """The first part of the names of the maps in a folder, and their UDIMs and frames."""
     if not folder.is_dir():
         raise InputError(f"no such folder: {folder}")
     files = [match for path in folder.glob("*.exr") if (match := _FILE.fullmatch(path.name))]

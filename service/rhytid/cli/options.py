@@ -1,6 +1,7 @@
-"""What the options of commands have in common: what words mean, and options of several commands.
+"""Options that several commands have, and types of arguments.
 
-Types of arguments take a word and raise ArgumentTypeError saying what is wrong with it.
+A type takes a word of the command line and returns its value, or raises ArgumentTypeError saying
+what is wrong.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ FRAME_FILES = "npy, OBJ, npz with 'frames', USD, animated glTF or GLB, MDD or PC
 
 
 def readable(text: str) -> Path:
-    """A file that is there."""
+    """The path of an existing file."""
     path = Path(text)
     if path.is_dir():
         raise argparse.ArgumentTypeError(f"{text} is a folder: name a file in it")
@@ -45,14 +46,14 @@ def readable(text: str) -> Path:
 
 
 def existing(text: str) -> Path:
-    """A file or folder that is there."""
+    """The path of an existing file or folder."""
     if not Path(text).exists():
         raise argparse.ArgumentTypeError(f"no such file or folder: {text}")
     return Path(text)
 
 
 def port_number(text: str) -> int:
-    """A TCP port, or 0."""
+    """A TCP port; 0 takes any free one."""
     if not (text.isascii() and text.isdigit() and int(text) <= MAX_PORT):
         raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 0 to {MAX_PORT}")
     return int(text)
@@ -77,7 +78,7 @@ def rate(text: str) -> float:
 
 
 def unit_name(text: str) -> str:
-    """The name of a length unit, or a number and a name."""
+    """A length unit: a name, or a number and a name as 5.5cm."""
     if millimetres(text) is None:
         known = ", ".join(MILLIMETRES)
         raise argparse.ArgumentTypeError(f"{text!r}: one of {known}, or so many, as 5.5cm")
@@ -85,7 +86,7 @@ def unit_name(text: str) -> str:
 
 
 def _checked_by(parse: Callable[[str], Value]) -> Callable[[str], Value]:
-    """A type of arguments of what raises InputError."""
+    """Make a type of arguments of a function that raises InputError."""
 
     def checked(text: str) -> Value:
         try:
@@ -109,7 +110,7 @@ def add_mesh(
     *,
     required: bool = True,
 ) -> None:
-    """The neutral mesh, as an argument or by `--mesh`: either sets `mesh`."""
+    """Add the neutral mesh, as an argument and as `--mesh`. Either sets `mesh`."""
     one = parser.add_mutually_exclusive_group(required=required)
     one.add_argument("mesh", nargs="?", action=_Given, type=readable, metavar=name, help=help)
     same = f"the same as {name}, which stands before options of several values"
@@ -117,7 +118,7 @@ def add_mesh(
 
 
 class _Given(argparse.Action):
-    """Sets what is given; leaves alone what another argument has set where nothing is."""
+    """Stores a value that is given. Else keeps what another argument has set."""
 
     def __call__(
         self,
@@ -135,35 +136,35 @@ def add_unit(
     what: str,
     default: str = "that of a graph or of a USD file which names one, else cm",
 ) -> None:
-    """`--unit U`, the length unit of `what`."""
+    """Add `--unit U`, the length unit of `what`."""
     known = ", ".join(name for name in MILLIMETRES if name.isascii())
     unit = f"length unit of {what}: {known}, or so many of one, as 5.5cm (default: {default})"
     parser.add_argument("--unit", type=unit_name, metavar="U", help=unit)
 
 
 def length_unit(arguments: argparse.Namespace, file: MeshFile) -> str:
-    """The unit that `--unit` names, else that of the mesh file, else the usual one."""
+    """The unit of `--unit`, else that of the mesh file, else the usual one."""
     return arguments.unit or file.unit or USUAL_UNIT
 
 
 def add_prim(parser: argparse._ActionsContainer) -> None:
-    """`--prim`: which mesh of a USD stage is meant."""
+    """Add `--prim`, which mesh of a USD stage is meant."""
     prim = "path or name of a mesh, where a USD stage has several"
     parser.add_argument("--prim", metavar="PATH", help=prim)
 
 
 def prim_clip(prim: str | None) -> Clip:
-    """What `--prim` says, for a command that takes no animation."""
+    """The clip of a `--prim` option, for commands that read no animation."""
     return Clip(prim=prim)
 
 
 def add_fps(parser: argparse._ActionsContainer, help: str) -> None:
-    """`--fps`: frames per second."""
+    """Add `--fps`, frames per second."""
     parser.add_argument("--fps", type=rate, default=24.0, metavar="F", help=help)
 
 
 def add_caches(parser: argparse._ActionsContainer) -> None:
-    """`--prim`, `--clip` and `--fps`: which animation of a geometry cache is meant."""
+    """Add `--prim`, `--clip` and `--fps`, which animation of a geometry cache is meant."""
     add_prim(parser)
     clip = "name or number of an animation, where a glTF has several"
     parser.add_argument("--clip", metavar="NAME", help=clip)
@@ -171,17 +172,17 @@ def add_caches(parser: argparse._ActionsContainer) -> None:
 
 
 def cache_clip(arguments: argparse.Namespace) -> Clip:
-    """The clip that these options choose."""
+    """The clip that the options of `add_caches` choose."""
     return Clip(arguments.prim, arguments.clip, arguments.fps)
 
 
 def add_several(parser: Arguments, option: str, **named: Any) -> None:
-    """An option of one value or more, that may be given more than once."""
+    """Add an option that takes one value or more, and may be repeated."""
     parser.add_argument(option, nargs="+", action="extend", default=[], **named)
 
 
 def add_json(parser: Arguments) -> None:
-    """`--json [FILE]`: figures for machines."""
+    """Add `--json [FILE]`, which writes the figures as JSON."""
     parser.add_argument(
         "--json",
         nargs="?",
@@ -193,13 +194,13 @@ def add_json(parser: Arguments) -> None:
 
 
 def add_progress(parser: Arguments) -> None:
-    """`--progress`: whom progress is reported to."""
+    """Add `--progress`, the form of progress: for people, or for workers of OpenJD."""
     who = "report to a person, or in the lines that workers of Open Job Description read"
     parser.add_argument("--progress", choices=("person", "openjd"), default="person", help=who)
 
 
 def add_strict(parser: Arguments) -> None:
-    """`--strict`, and `--allow CODE` for what it shall not refuse."""
+    """Add `--strict`, and `--allow CODE` for warnings that it does not refuse."""
     strict = "end with an error, before anything is made, where there would be warnings"
     parser.add_argument("--strict", action="store_true", help=strict)
     allow = f"a warning that --strict does not refuse, repeated for several: {', '.join(CODES)}"
@@ -209,19 +210,19 @@ def add_strict(parser: Arguments) -> None:
 
 
 def add_force(parser: Arguments) -> None:
-    """`--force`."""
+    """Add `--force`, which takes the graph of another mesh."""
     force = "take a graph that was made for another mesh"
     parser.add_argument("--force", action="store_true", help=force)
 
 
 def add_stiffness(parser: Arguments) -> None:
-    """`--stiffness FILE ...`."""
+    """Add `--stiffness FILE ...`."""
     stiffness = "grey PNG or EXR, one per UDIM, named ANY.<UDIM>.png: white moves, black is rigid"
     add_several(parser, "--stiffness", type=readable, metavar="FILE", help=stiffness)
 
 
 def add_query(parser: Arguments) -> None:
-    """`--stretch` and `--sampling`, as a tile's query has them."""
+    """Add `--stretch` and `--sampling`, as in the query of a tile."""
     stretch = "how stretch is measured"
     parser.add_argument("--stretch", choices=STRETCH_MODELS, default="tensor", help=stretch)
     sampling = "where stretch is taken: of whole triangles, or interpolated"
@@ -229,31 +230,37 @@ def add_query(parser: Arguments) -> None:
 
 
 def add_profiles(parser: Arguments) -> None:
-    """`--profile NAME ...`, and `--half` for one of them."""
+    """Add `--profile NAME ...`, and `--half` as a short form."""
     kinds = f"kinds of files to write, one or several: {', '.join(PROFILE_NAMES)} (default: float)"
     add_several(parser, "--profile", choices=PROFILE_NAMES, metavar="NAME", help=kinds)
     parser.add_argument("--half", action="store_true", help="the same as --profile half")
 
 
 def add_device(parser: Arguments, more: str = "") -> None:
-    """`--device D`."""
+    """Add `--device D`."""
     device = f"number or part of the name of a device{more} (default: RHYTID_DEVICE, or chosen)"
     parser.add_argument("--device", metavar="D", help=device)
 
 
+def add_store(parser: Arguments) -> None:
+    """Add `--store DIR`."""
+    store = "folder of the assets (default: of RHYTID_STORE, else rhytid-store)"
+    parser.add_argument("--store", type=Path, metavar="DIR", help=store)
+
+
 def add_shared_store(parser: Arguments) -> None:
-    """`--shared-store PLACE`."""
-    told = (
+    """Add `--shared-store PLACE`."""
+    place = (
         "where assets are that several machines share: a folder that all mount, or "
         "s3://BUCKET/PREFIX with the extra s3 (default: of RHYTID_SHARED_STORE, else none)"
     )
-    parser.add_argument("--shared-store", metavar="PLACE", help=told)
+    parser.add_argument("--shared-store", metavar="PLACE", help=place)
 
 
 def service_settings(
     store: Path | None, device: str | None, shared_store: str | None
 ) -> ServiceSettings:
-    """As `chosen`, with the shared store."""
+    """The settings of the environment, with values of the command line in place of theirs."""
     found = ServiceSettings.from_environment()
     return replace(
         found,
@@ -264,6 +271,6 @@ def service_settings(
 
 
 def local_settings(store: Path | None, device: str | None) -> ServiceSettings:
-    """The settings of the environment, which the command line overrides; without a shared store,
-    and without a limit to how long a build takes, which nobody else waits for."""
+    """The same without a shared store, and without a time limit of builds: nobody else waits for
+    the device."""
     return replace(service_settings(store, device, None), shared_store=None, build_seconds=None)

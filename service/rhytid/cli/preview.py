@@ -1,4 +1,4 @@
-"""The pictures that `--preview` writes: the skin of a graph, drawn on a device."""
+"""Pictures of `--preview`: the skin of a graph, drawn on a device."""
 
 from __future__ import annotations
 
@@ -55,10 +55,11 @@ def write_preview(
     file: Path,
     place: Sequence[float] = (),
 ) -> None:
-    """Draw the neutral skin of a graph, which names the triangles of its pores, into a PNG.
+    """Draw the neutral skin of a graph into a PNG: whole maps, and patches.
 
-    settings: unit and lengths that it is drawn with.  spacing: of its pores, as it came out, mesh
-    units.  place: u and v, or x, y and z, of the only patch; none: the flattest places.
+    graph: with the triangles of its pores.  settings: unit and lengths that it is drawn with.
+    spacing: measured distance of its pores, mesh units.  place: u and v, or x, y and z, of the only
+    patch; empty for patches at the flattest places.
     """
     unit_mm = millimetres(settings.length_unit) or MILLIMETRES[USUAL_UNIT]
     side = PATCH_MM / unit_mm
@@ -101,7 +102,7 @@ def _area(corners: NDArray[np.float64]) -> float:
 
 
 def _patches(asset: DeviceAsset, mesh: Mesh, near: Spots, progress: Progress) -> list[Patch]:
-    """What patches at these spots show, on one map that is drawn only where they lie."""
+    """The patches at some spots. The map is only drawn where they lie."""
     udim, side = near.udim, near.side
     inside = triangles_inside(mesh, udim)
     corners = mesh.positions[mesh.faces[inside]].astype(np.float64)
@@ -114,8 +115,10 @@ def _patches(asset: DeviceAsset, mesh: Mesh, near: Spots, progress: Progress) ->
 
 @dataclass(frozen=True, eq=False)
 class AgedSkin:
-    """The skin of an age.  settings: unit and lengths that it is drawn with.  spacing: of its
-    pores, mesh units."""
+    """The skin of an age.
+
+    settings: unit and lengths that it is drawn with.  spacing: distance of its pores, mesh units.
+    """
 
     age: float
     graph: WrinkleGraph
@@ -126,8 +129,8 @@ class AgedSkin:
 def write_region_sheet(
     device: Device, mesh: Mesh, folds: Folds, skins: Iterable[AgedSkin], file: Path
 ) -> None:
-    """Patches of all regions that folds have masks of, two rows for each skin, into a PNG;
-    nothing where no region lies in the UDIM with most triangles."""
+    """Draw patches of all regions of a face into a PNG, two rows for each skin. Writes nothing
+    where no region lies in the UDIM with most triangles."""
     udim, rows = busiest_udim(mesh), []
     views: list[RegionView] = []
     for skin in skins:
@@ -145,7 +148,7 @@ def write_region_sheet(
 
 
 def skin_views(mesh: Mesh, folds: Folds, udim: int, side: float) -> list[RegionView]:
-    """Where each region of a face is looked at: patches of `side` mesh units."""
+    """Where each region of a face is looked at, as patches of `side` mesh units."""
     inside = triangles_inside(mesh, udim)
     faces = mesh.faces[inside]
     size, eccentricity, _ = folds.axes()
@@ -182,8 +185,8 @@ def _rows(
 
 
 def resolution_for(scales: Sequence[float], spacing: float) -> int:
-    """Enough texels for pores in patches.  scales: UV to a mesh unit of each.  spacing: mesh
-    units."""
+    """Texels per side that resolve pores in patches.  scales: UV per mesh unit in each patch.
+    spacing: of pores, mesh units."""
     wanted = _DENSITY / (spacing * min(scales, default=np.inf))
     return next((r for r in _RESOLUTIONS if r >= wanted), _RESOLUTIONS[-1])
 
@@ -196,7 +199,7 @@ def resident(
     settings: AssetSettings,
     stiffness: Stiffness | None = None,
 ) -> Iterator[DeviceAsset]:
-    """The skin of a graph on a device, ready to be drawn; given back at the end."""
+    """The skin of a graph on a device, ready to be drawn. Its memory is freed after the block."""
     with device.task():
         asset = DeviceAsset(device, mesh, settings, stiffness)
         try:
@@ -214,7 +217,8 @@ def drawn_under(
     progress: Progress,
     frame: Frame = NEUTRAL_FRAME,
 ) -> NDArray[np.float32]:
-    """(R, R) the map of a UDIM in a frame, drawn only where patches read it."""
+    """(R, R) displacement of a UDIM in a frame. It is drawn only where patches read it, and 0
+    elsewhere."""
     query = _NEUTRAL if frame is NEUTRAL_FRAME else MapQuery("redraw")
     resolution = asset.mesh.settings.resolution
     # Memory is taken by the squares that are written, not by the whole map.
@@ -231,7 +235,7 @@ def drawn_under(
 def touched_squares(
     surfaces: Sequence[SurfacePatch], resolution: int, side: int
 ) -> list[tuple[int, int]]:
-    """Row and column of the squares of `side` texels that the patches read."""
+    """Row and column of each square of `side` texels that the patches read."""
     count = resolution // side
     touched = np.zeros((count, count), bool)
     for surface in surfaces:

@@ -1,4 +1,4 @@
-"""The program `rhytid`: its parser, and how its commands end."""
+"""The program `rhytid`: its parser, and how commands end."""
 
 from __future__ import annotations
 
@@ -93,7 +93,8 @@ def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
 
 
 def build_parser() -> Parser:
-    """Every command with its options; a command sets `run` to a function of the arguments."""
+    """The parser of all commands. Each command sets `run`, a function of the arguments, and
+    `program` is this parser."""
     parser = Parser(
         prog="rhytid",
         description="Dynamic facial wrinkles: an animated face in, displacement maps out.",
@@ -112,7 +113,7 @@ def build_parser() -> Parser:
 
 
 class _Version(argparse.Action):
-    """Prints one line, which argparse's own action would break."""
+    """Prints the version as one line. The action of argparse would break it."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
         super().__init__(option_strings, argparse.SUPPRESS, nargs=0, help=help)
@@ -129,7 +130,7 @@ def _warn_of_variables(command: str) -> None:
 
 @contextmanager
 def _logging(level: Verbosity) -> Iterator[None]:
-    """Where verbose, the log of this package on stderr."""
+    """Write the log of this package on stderr within the block, where verbose."""
     if not level.verbose:
         yield
         return
@@ -145,7 +146,8 @@ def _logging(level: Verbosity) -> Iterator[None]:
 
 
 def _line(error: Exception) -> str:
-    """What to say of an error; a file's name and reason, without Python's error numbers."""
+    """The line that is printed for an error. That of a file has its name and the reason, without
+    the number of the error."""
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     return str(error)

@@ -10,11 +10,16 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rhytid import __version__
-from rhytid.cli.options import add_device, add_shared_store, port_number, service_settings
+from rhytid.cli.options import (
+    add_device,
+    add_shared_store,
+    add_store,
+    port_number,
+    service_settings,
+)
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.termination import TERMINATED, Terminated, end_now
 from rhytid.console import verbosity
@@ -46,8 +51,7 @@ def add_command(commands: Commands) -> None:
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on")
     port = "port; 0 takes a free one and prints it"
     parser.add_argument("--port", type=port_number, default=PORT, metavar="PORT", help=port)
-    store = "folder of the assets (default: of RHYTID_STORE, else rhytid-store)"
-    parser.add_argument("--store", type=Path, metavar="DIR", help=store)
+    add_store(parser)
     add_shared_store(parser)
     without = "ask for no API keys: for a server behind a proxy that knows who may use it"
     parser.add_argument("--without-keys", action="store_true", help=without)
@@ -68,7 +72,7 @@ def add_command(commands: Commands) -> None:
 
 
 def _add_fleet(parser: argparse.ArgumentParser) -> None:
-    """Add the options to a parser."""
+    """Add `--ray` and `--replicas`."""
     ray = (
         "compute in replicas of Ray Serve, one a device, behind this server: of the cluster at "
         "ADDRESS, or of this machine alone where none is given (extra ray)"
@@ -79,7 +83,7 @@ def _add_fleet(parser: argparse.ArgumentParser) -> None:
 
 
 def device_numbers(text: str) -> tuple[str, ...]:
-    """`all`, or numbers with commas between them."""
+    """Numbers with commas between them, or `all`."""
     numbers = tuple(text.split(","))
     if text != ALL and not all(number.isascii() and number.isdigit() for number in numbers):
         raise argparse.ArgumentTypeError(f"{text!r}: must be {ALL}, or numbers such as 0,2")
@@ -87,7 +91,7 @@ def device_numbers(text: str) -> tuple[str, ...]:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Listen, print the address, and serve."""
+    """Listen, print the address, and serve until interrupted."""
     # Imported here, so that --help does not wait for OpenCL and the web framework.
     from rhytid.api.server.http_server import asks_keys, engine_of, listen
 
@@ -123,10 +127,10 @@ def run(arguments: argparse.Namespace) -> None:
 def _fleet_of(
     arguments: argparse.Namespace, settings: ServiceSettings
 ) -> Callable[[ServiceSettings], AbstractContextManager[Any]] | None:
-    """What makes the engine of a fleet for settings; None where no fleet is asked for.
+    """A function that makes the engine of a fleet from settings; None where `--ray` is not given.
 
-    Raises InputError for options that do not go together or without the extra, SettingsError for a
-    count that is none.
+    Raises InputError for options that do not go together and where the extra is missing,
+    SettingsError for a wrong number of replicas.
     """
     if arguments.ray is None:
         if arguments.replicas is not None:
@@ -153,7 +157,7 @@ def _fleet_of(
 
 @contextmanager
 def _closing(make: Callable[[], AnyEngine]) -> Iterator[AnyEngine]:
-    """What is made once the block begins, closed after it."""
+    """Make an engine when the block begins, and close it at the end."""
     with closing(make()) as made:
         yield made
 
@@ -189,14 +193,14 @@ def _serve(
 
 
 def _end_by(seconds: float) -> None:
-    """End this process after so long, whatever hangs in it."""
+    """End this process after so many seconds, whatever hangs in it."""
     last = threading.Timer(seconds, end_now, (TERMINATED,))
     last.daemon = True
     last.start()
 
 
 def _with_places(settings: ServiceSettings) -> ServiceSettings:
-    """The settings; where nothing but the store can be written, what is kept goes there."""
+    """The settings with a cache in the store, where no other place can be written."""
     from rhytid.device.caches import provide_places, writable
 
     place = provide_places(settings.store / "cache")

@@ -19,11 +19,10 @@ from rhytid.cli.graph_output import (
 from rhytid.cli.options import add_caches, add_mesh, add_strict, add_unit, cache_clip, length_unit
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.skin_options import add_skin, skin_controls, skin_settings
-from rhytid.console import make_place, share_bar, working
+from rhytid.console import check_suffix, make_place, share_bar, working
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
 from rhytid.domain.expressions import grown_from
 from rhytid.domain.graph_origin import GraphOrigin
-from rhytid.errors import InputError
 
 if TYPE_CHECKING:
     from rhytid.baking.run_warnings import RunWarnings
@@ -65,7 +64,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read, synthesise, write, and report the figures of the result."""
+    """Synthesise the graph, write it, and report its figures."""
     if arguments.ages and arguments.preview is None:
         arguments.usage_error("--ages needs --preview FILE.png: ages are drawn in its picture")
     from rhytid.baking.run_warnings import RunWarnings
@@ -84,8 +83,7 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     from rhytid.synthesis.progress import clocked
 
     settings = grown_settings(skin_settings(arguments))
-    if arguments.out.suffix.lower() != GRAPH:
-        raise InputError(f"{arguments.out}: the graph is written as {GRAPH}")
+    check_suffix(arguments.out, GRAPH, "the graph")
     ages = _ages(settings, arguments.ages)
     clip = cache_clip(arguments)
     read = mesh_file(arguments.mesh, clip)
@@ -131,7 +129,7 @@ def _folds(device: Device, mesh: Mesh, expressions: Expressions, unit: str) -> F
 
 
 def _draw_lines(mesh: Mesh, folds: Folds, preview: Path) -> None:
-    """The preferred lines, beside the preview."""
+    """Draw the preferred lines into a picture beside the preview."""
     from rhytid.durable import whole
     from rhytid.pictures.folds import fold_picture
 
@@ -155,7 +153,7 @@ def _aged(
     aged: GraphSettings,
     unit: str,
 ) -> AgedSkin:
-    """The skin that was made, or grown anew at another age."""
+    """The skin at an age: what was made, or grown anew."""
     from rhytid.cli.preview import AgedSkin
 
     if aged != settings:
@@ -166,10 +164,10 @@ def _aged(
 
 
 def _ages(settings: GraphSettings, ages: Sequence[float] | None) -> list[float]:
-    """Those asked for, checked; else the one of the settings."""
+    """The ages that are asked for, checked; else the age of the settings."""
     return [grown_settings({"graph": {"age": age}}).age for age in ages or [settings.age]]
 
 
 def grown_settings(given: Mapping[str, Any]) -> GraphSettings:
-    """Settings of the synthesis, of those of an asset; raises SettingsError."""
+    """Settings of the synthesis, from those of an asset. Raises SettingsError."""
     return AssetSettings.parse(given).for_synthesis().graph

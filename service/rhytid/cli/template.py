@@ -18,7 +18,7 @@ from rhytid.cli.options import (
     prim_clip,
 )
 from rhytid.cli.parser import Commands, new_command
-from rhytid.console import counted, detail, report, table, working
+from rhytid.console import counted, detail, make_folder, report, table, working
 from rhytid.domain.controls import NEUTRALS
 from rhytid.domain.painted import MOST_TEXELS
 from rhytid.domain.stiffness import NEUTRAL
@@ -63,9 +63,8 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read the mesh, draw its UDIMs, write the masks, and report what was written."""
+    """Draw templates of all UDIMs, write the masks, and report the files."""
     from rhytid.baking.input_files import mesh_file
-    from rhytid.console import make_folder
     from rhytid.pictures.template_guide import guide
     from rhytid.pictures.uv_template import Charts
 
@@ -113,7 +112,7 @@ def _templates(
 
 
 def _masks(out: Path, udim: int, names: Sequence[str], size: int) -> list[dict[str, Any]]:
-    """Write the masks that are not there yet: what is painted is never replaced."""
+    """Write the masks that do not exist yet. Painted ones are never replaced."""
     from rhytid.pictures.uv_template import starter
 
     files = []
@@ -144,7 +143,7 @@ def _caption(name: str, size: int, usual_mm: float) -> str:
 
 
 def _limit(udims: int, size: int) -> str:
-    """How many of these masks go into one synthesis."""
+    """A line about how many of these masks fit into one synthesis."""
     most = MOST_TEXELS // (udims * size * size)
     if most >= len(NEUTRALS):
         return "All maps but stiffness go into one synthesis together."

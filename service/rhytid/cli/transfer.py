@@ -20,7 +20,7 @@ from rhytid.cli.options import (
     readable,
 )
 from rhytid.cli.parser import Commands, new_command
-from rhytid.console import report, table, working
+from rhytid.console import check_suffix, make_place, report, table, working
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import InputError
 
@@ -61,7 +61,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read all three, carry the graph over, write it and report the figures."""
+    """Carry the graph over, write it, and report the figures."""
     from rhytid.baking.run_warnings import RunWarnings
 
     with RunWarnings("transfer", arguments.strict, arguments.allow) as warnings:
@@ -70,15 +70,12 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     from rhytid.baking.input_files import graph_file, mesh_file
-    from rhytid.cli.graph import placed_graph
-    from rhytid.cli.graph_output import open_device, whole_file
-    from rhytid.console import make_place
+    from rhytid.cli.graph_output import open_device, placed_graph, whole_file
     from rhytid.formats.graphs import write_graph
     from rhytid.meshes.transfer import transfer
 
     out: Path = arguments.out
-    if out.suffix.lower() != _GRAPH:
-        raise InputError(f"{out}: the graph is written as {_GRAPH}")
+    check_suffix(out, _GRAPH, "the graph")
     if arguments.reach is not None and not arguments.reach > 0:
         raise InputError(f"--reach is {arguments.reach:g}: must be above 0")
     old = mesh_file(arguments.old, prim_clip(arguments.prim)).mesh
@@ -99,7 +96,7 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
 
 
 def _figures(graph: WrinkleGraph, moved: Transfer) -> dict[str, Any]:
-    """Pores and wrinkles before and after, each once, and what was lost why."""
+    """Numbers of pores and wrinkles before and after, and how many were lost for each reason."""
     names = ("pores", "wrinkles")
     before = {f"{name} before": n for name, n in zip(names, graph.counts(), strict=True)}
     after = dict(zip(names, moved.graph.counts(), strict=True))

@@ -73,8 +73,8 @@ def allow_files(connections: int) -> None:
         import resource
 
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-        wanted = 4 * connections + 256
-        most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+        needed = 4 * connections + 256
+        most = needed if hard == resource.RLIM_INFINITY else min(needed, hard)
         if soft != resource.RLIM_INFINITY and soft < most:
             resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
