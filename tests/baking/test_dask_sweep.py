@@ -13,7 +13,7 @@ import pytest
 
 from rhytid.baking.farm import dask_bake
 from rhytid.baking.farm.dask_bake import DaskBake
-from rhytid.baking.frame_names import FramePlace
+from rhytid.baking.frame_names import FramePlace, FrameRange
 from rhytid.baking.output import Output
 from rhytid.baking.request import BakeRequest
 from rhytid.durable import sweep
@@ -61,7 +61,7 @@ def bake(out: Path, dask: str = "tcp://farm:8786") -> Undrawn:
     output = Output(out, "face", PROFILES)
     asset = SimpleNamespace(udims=(1001, 1002))
     baker = SimpleNamespace(frames=frames, output=output, asset=asset)
-    given = SimpleNamespace(part=None, name="face")
+    given = SimpleNamespace(numbers=FrameRange.of(range(1001, 1005)), name="face")
     return Undrawn(request, cast("Any", given), cast("Any", baker))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rhytid.baking.baker import Geometry
-from rhytid.baking.frame_names import FramePlace, FrameRange, check_file_name
+from rhytid.baking.frame_names import FramePlace, FrameRange, check_file_name, frame_numbers
 from rhytid.baking.frames import FrameFiles, check_sources, read_frames_list
 from rhytid.baking.input_files import (
     control_files,
@@ -73,6 +73,11 @@ class BakeInputs:
         fixed = new is None or "r_max" in given.get("bins", {})
         name = request.name or _own_name(request.mesh)
         return cls(mesh.mesh, new, frames, part, request.profiles, geometry, name, fixed)
+
+    @property
+    def numbers(self) -> FrameRange:
+        """The numbers of the frames to bake."""
+        return self.part or FrameRange.of(frame_numbers(self.frames.places))
 
     def output(self, folder: Path) -> Output:
         """The files of the maps, in a folder."""

@@ -19,7 +19,7 @@ from rhytid.baking.farm.dask_cluster import (
     running_cluster,
 )
 from rhytid.baking.farm.dask_run import DaskRun
-from rhytid.baking.frame_names import FramePlace, FrameRange, frame_numbers
+from rhytid.baking.frame_names import FramePlace, FrameRange
 from rhytid.baking.inputs import BakeInputs
 from rhytid.baking.request import LOCAL, BakeRequest
 from rhytid.console import counted, detail, note, verbosity, working
@@ -61,8 +61,7 @@ class DaskBake:
     def __init__(self, request: BakeRequest, inputs: BakeInputs, baker: Baker) -> None:
         self._request, self._inputs, self._baker = request, inputs, baker
         self._out = request.out.resolve()
-        places = baker.frames.places
-        self._numbers = inputs.part or FrameRange.of(frame_numbers(places))
+        self._numbers = inputs.numbers
         self._chunks: list[FrameRange] = []
         self.figures = DaskFigures()
 

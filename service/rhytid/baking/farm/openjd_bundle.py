@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 from rhytid.baking.baker import Baker
-from rhytid.baking.frame_names import FrameRange, frame_numbers
 from rhytid.baking.frames import frame_sources, frames_list
 from rhytid.baking.inputs import BakeInputs
 from rhytid.baking.request import CHUNK, BakeRequest, BakeSummary
@@ -52,8 +51,7 @@ def write_job(request: BakeRequest, baker: Baker, inputs: BakeInputs) -> BakeSum
     """Write the bundle of a request. The summary says how it is run."""
     folder = request.openjd
     assert folder is not None
-    frames = inputs.part or FrameRange.of(frame_numbers(inputs.frames.places))
-    bundle = _bundle(request, baker, inputs, frames)
+    frames, bundle = inputs.numbers, _bundle(request, baker, inputs)
     with working(f"writing {folder}"), baker.engine.snapshots.of(baker.asset.id) as asset:
         bundle.write(folder, asset.pieces())
     each = request.chunk or CHUNK
@@ -74,9 +72,7 @@ def write_job(request: BakeRequest, baker: Baker, inputs: BakeInputs) -> BakeSum
     return BakeSummary(figures, text)
 
 
-def _bundle(
-    request: BakeRequest, baker: Baker, inputs: BakeInputs, frames: FrameRange
-) -> JobBundle:
+def _bundle(request: BakeRequest, baker: Baker, inputs: BakeInputs) -> JobBundle:
     places = inputs.frames.places
     files = frame_sources(places)
     # Only `binned` needs the range that was measured.
@@ -85,7 +81,7 @@ def _bundle(
     job = BakeJob(
         baker.asset.id,
         inputs.name,
-        frames.text(),
+        inputs.numbers.text(),
         request.chunk or CHUNK,
         method,
         ready,
