@@ -11,7 +11,7 @@ import httpx
 import uvicorn
 
 from rhytid.api.app import create_app
-from rhytid.cli.server import protocol_options
+from rhytid.api.server.http_server import protocol_options
 from rhytid.support.settings import ServiceSettings
 
 

@@ -18,7 +18,7 @@ import pytest
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.test_api_memory import connected, soon, uploading, use
-from rhytid.cli.connections import PROGRESS, ConnectionLimits, LimitedConnection, allow_files
+from rhytid.api.server.connections import PROGRESS, ConnectionLimits, LimitedConnection, allow_files
 
 STALLED = 0.3
 MIB = 1 << 20

@@ -27,7 +27,7 @@ from scipy.ndimage import gaussian_filter
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from rhytid.cli.input_files import mesh_file
+from rhytid.baking.input_files import mesh_file
 from rhytid.pictures.surface_patch import Frame, surface_patch
 from rhytid_lab.plots import Point, curves
 

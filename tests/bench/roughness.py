@@ -17,9 +17,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.cli.input_files import mesh_file, shape_files
-from rhytid.cli.preview import drawn_under, resident
-from rhytid.cli.region_preview import SIDE_MM, skin_views
+from rhytid.baking.input_files import mesh_file, shape_files
+from rhytid.cli.preview import SIDE_MM, drawn_under, resident, skin_views
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import millimetres
 from rhytid.domain.tiles import busiest_udim

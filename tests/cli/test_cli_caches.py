@@ -17,9 +17,9 @@ from cli.running import write_animation, write_neutral
 from face_data import Face
 from formats.usd_files import add_mesh, new_stage, write_usd
 from meshes import SmallMesh, deform
+from rhytid.baking.frames import FrameFiles
+from rhytid.baking.input_files import mesh_file, shape_files
 from rhytid.cli import main
-from rhytid.cli.frame_files import FrameFiles
-from rhytid.cli.input_files import mesh_file, shape_files
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import FrameError
 from rhytid.formats.exr import read_exr

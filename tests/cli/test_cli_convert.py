@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from meshes import SmallMesh
+from rhytid.baking.input_files import mesh_file
 from rhytid.cli import main
-from rhytid.cli.input_files import mesh_file
 from rhytid.errors import MeshError
 from rhytid.formats.meshes import read_mesh
 

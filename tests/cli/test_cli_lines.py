@@ -10,7 +10,8 @@ from PIL import Image
 
 from cli.running import write_neutral
 from meshes import SmallMesh
-from rhytid.cli import main, progress
+from rhytid import console
+from rhytid.cli import main
 from rhytid.formats.graphs import read_graph
 
 pytestmark = pytest.mark.release
@@ -97,7 +98,7 @@ def test_the_regions_are_drawn_by_age_beside_a_preview(
     with Image.open(tmp_path / "p.regions.png") as picture:
         width, one = picture.size
     capsys.readouterr()
-    monkeypatch.setattr(progress, "_EVERY", 0.002)
+    monkeypatch.setattr(console, "_EVERY", 0.002)
     more = grown(tmp_path, neutral, *files, "--ages", "20", "35", "65")
     monkeypatch.undo()
     told = capsys.readouterr().err

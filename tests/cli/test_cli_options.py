@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from rhytid.api.server.http_server import address_of, listen
 from rhytid.cli import main
-from rhytid.cli.bake_inputs import asset_settings
-from rhytid.cli.serve import chosen
-from rhytid.cli.server import address_of, listen
+from rhytid.cli.options import local_settings
+from rhytid.cli.skin_options import asset_settings
 from rhytid.cli.synthesize import grown_settings
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import InputError, SettingsError
@@ -85,8 +85,8 @@ def test_options_overrule_the_environment(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setenv("RHYTID_DEVICE", "one")
     monkeypatch.setenv("RHYTID_QUEUE", "7")
 
-    assert chosen(None, None).store == Path("from-environment")
-    found = chosen(Path("given"), "two")
+    assert local_settings(None, None).store == Path("from-environment")
+    found = local_settings(Path("given"), "two")
     assert (found.store, found.device, found.queue) == (Path("given"), "two", 7)
 
 

@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from cli.running import write_neutral
 from meshes import SmallMesh
 from rhytid.cli import main
+from rhytid.cli.preview import touched_squares
 from rhytid.cli.preview_spots import spot_at
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError
+from rhytid.pictures.surface_patch import Frame, surface_patch
+from rhytid_lab.samples.sphere import sphere
 
 # A sheet of two squares beside one another, the second of them in UDIM 1012; x = 4u - 2 there.
 CORNERS = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 1], [0, 2, 1], [4, 0, 0], [4, 2, 1]], np.float32)
@@ -116,3 +119,18 @@ def test_the_picture_shows_the_place(tmp_path: Path, small_mesh: SmallMesh) -> N
         assert main(["graph", mesh, graph, "-q", *picture]) == 0
     pictures = {(tmp_path / f"{number}.png").read_bytes() for number in range(3)}
     assert len(pictures) == 3
+
+
+def test_a_patch_reads_no_texel_that_is_not_drawn() -> None:
+    mesh = sphere(24)
+    corners = mesh.positions[mesh.faces].astype(np.float64)
+    whole = np.random.default_rng(3).normal(size=(256, 256))
+    for t in np.argsort(-corners.mean(axis=1)[:, 2])[:200:10]:
+        surface = surface_patch(corners, mesh.triangle_uv(), Frame.of(corners[t]), 0.3, 64)
+        drawn = np.full_like(whole, np.nan)
+        squares = touched_squares([surface], 256, 4)
+        assert 1 < len(squares) < 100
+        for row, column in squares:
+            drawn[row : row + 4, column : column + 4] = whole[row : row + 4, column : column + 4]
+        np.testing.assert_array_equal(surface.heights(drawn), surface.heights(whole))
+        np.testing.assert_array_equal(surface.gradient(drawn), surface.gradient(whole))

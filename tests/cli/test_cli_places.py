@@ -25,7 +25,7 @@ def no_device(monkeypatch: pytest.MonkeyPatch) -> None:
 
     # In this order: the second is imported from the first.
     monkeypatch.setattr("rhytid.engine.engine.open_device", opened)
-    monkeypatch.setattr("rhytid.engine.engine.open_device", opened)
+    monkeypatch.setattr("rhytid.engine.opening.open_device", opened)
 
 
 @pytest.mark.usefixtures("no_device")
@@ -125,7 +125,7 @@ def test_a_second_bake_is_told_of_the_first(
         told.append(capsys.readouterr().err.splitlines()[-1])
         raise InputError("no more is needed")
 
-    monkeypatch.setattr("rhytid.cli.ready_assets.build", build)
+    monkeypatch.setattr("rhytid.baking.bake.build", build)
     assert main(given) == 1
     holder = f"another rhytid bake, process {os.getpid()}"
     assert told == [f"rhytid bake: store {store} is in use by {holder}"]

@@ -11,11 +11,20 @@ from pathlib import Path
 
 import pytest
 
-from rhytid.cli import progress
-from rhytid.cli.progress import counted, share_bar, working
-from rhytid.cli.reporting import report, table
-from rhytid.cli.timing import Stopwatch
-from rhytid.cli.voice import Voice, detail, job_line, note, speaking
+from rhytid import console
+from rhytid.console import (
+    Stopwatch,
+    Verbosity,
+    counted,
+    detail,
+    note,
+    openjd_line,
+    report,
+    share_bar,
+    table,
+    use_verbosity,
+    working,
+)
 from rhytid.domain.wording import plural, waiting_requests
 from rhytid_client import Job
 from rhytid_lab.commands.demo_session import StepClock, key_frames
@@ -55,7 +64,7 @@ def test_without_a_terminal_long_work_tells_lines(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One step that takes long is told, too."""
-    monkeypatch.setattr(progress, "_EVERY", 0.05)
+    monkeypatch.setattr(console, "_EVERY", 0.05)
     with share_bar("work") as show:
         show(0.5, "half")
         time.sleep(0.3)
@@ -74,7 +83,7 @@ def test_without_a_terminal_long_work_tells_lines(
 def test_what_comes_before_the_first_step_is_told_in_its_place(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    with speaking(Voice(for_job=True)):
+    with use_verbosity(Verbosity(for_job=True)):
         for _ in counted("ab", "baking", "frame", "workers start"):
             pass
     told = [line for line in capsys.readouterr().out.splitlines() if "status" in line]
@@ -85,8 +94,8 @@ def test_what_comes_before_the_first_step_is_told_in_its_place(
 def test_a_slow_first_step_and_skipped_ones_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ten steps: the first takes 30 s, the others 2; then a hundred of which most are there."""
     clock = iter([0.0, 30.0, 32.0, 34.0, 35.0])
-    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
-    steps = progress._Steps(10)
+    monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
+    steps = console._Steps(10)
     assert steps.left() == ""
     for _ in range(3):
         steps.ended()
@@ -94,7 +103,7 @@ def test_a_slow_first_step_and_skipped_ones_do_not_count(monkeypatch: pytest.Mon
 
     times = [0.0] * 81 + [float(second) for second in range(10, 110, 10)]
     clock = iter(times)
-    steps = progress._Steps(100)
+    steps = console._Steps(100)
     for _ in range(89):
         steps.ended()
     assert steps.left() == ", 2 min left"
@@ -103,19 +112,19 @@ def test_a_slow_first_step_and_skipped_ones_do_not_count(monkeypatch: pytest.Mon
 @pytest.mark.parametrize(
     ("voice", "told"),
     [
-        (Voice(), ["a note", "rhytid: work: 0 %, half, 0 s"]),
-        (Voice(quiet=True), []),
-        (Voice(verbose=True), ["a note", "rhytid: work: half, after 0.0 s", "rhytid: detail"]),
+        (Verbosity(), ["a note", "rhytid: work: 0 %, half, 0 s"]),
+        (Verbosity(quiet=True), []),
+        (Verbosity(verbose=True), ["a note", "rhytid: work: half, after 0.0 s", "rhytid: detail"]),
     ],
 )
 def test_how_much_is_said(
-    voice: Voice,
+    voice: Verbosity,
     told: list[str],
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(progress, "_EVERY", 0.1)
-    with speaking(voice):
+    monkeypatch.setattr(console, "_EVERY", 0.1)
+    with use_verbosity(voice):
         note("a note")
         with share_bar("work") as show:
             show(0.0, "half")
@@ -130,7 +139,7 @@ def test_how_much_is_said(
 def test_a_step_of_unknown_length_is_told_too(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(progress, "_EVERY", 0.05)
+    monkeypatch.setattr(console, "_EVERY", 0.05)
     with working("reading face.obj"):
         time.sleep(0.12)
     assert set(capsys.readouterr().err.splitlines()) == {"rhytid: reading face.obj, 0 s"}
@@ -208,12 +217,12 @@ def test_key_frames_are_few() -> None:
 
 
 def test_a_job_is_told_in_its_own_lines(capsys: pytest.CaptureFixture[str]) -> None:
-    with speaking(Voice(for_job=True)):
+    with use_verbosity(Verbosity(for_job=True)):
         for _ in counted("ab", "baking", "frame"):
             pass
         with share_bar("work") as show:
             show(0.5, "half")
-        job_line("fail", "two\nlines")
+        openjd_line("fail", "two\nlines")
     told = [
         "openjd_status: baking: frame 1 of 2",
         "openjd_progress: 50.0",

@@ -12,7 +12,8 @@ import pytest
 from PIL import Image
 
 from cli.running import process
-from rhytid.cli import main, server
+from rhytid.api.server import http_server
+from rhytid.cli import main
 from rhytid.formats.exr import read_exr
 from rhytid_lab.samples.face import procedural_face
 
@@ -38,7 +39,7 @@ def test_serve_tells_its_address_and_ends_when_told(
         assert httpx.get(f"{url}/readyz", timeout=60).json() == {"status": "ready"}
         if number == signal.SIGTERM:
             monkeypatch.chdir(tmp_path)
-            monkeypatch.setattr(server, "server_of", None)  # else it would serve for good
+            monkeypatch.setattr(http_server, "server_of", None)  # else it would serve for good
             assert main(SERVE) == 1
             [told] = capsys.readouterr().err.splitlines()
             assert "store is in use by another rhytid serve" in told

@@ -10,9 +10,9 @@ import pytest
 
 from cli.running import only_asset, write_animation
 from meshes import SmallMesh
+from rhytid.baking.assets import fetch
 from rhytid.cli import main
-from rhytid.cli.shared_assets import fetch
-from rhytid.cli.timing import Stopwatch
+from rhytid.console import Stopwatch
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh

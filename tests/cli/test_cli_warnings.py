@@ -10,8 +10,8 @@ import pytest
 
 import face_data
 from cli.running import usage_error
+from rhytid.baking.run_warnings import RunWarnings
 from rhytid.cli import main
-from rhytid.cli.warned import Warned
 from rhytid.domain.notices import NOTICES
 from rhytid.domain.warnings import CODES, InputWarning
 from rhytid.errors import StrictError
@@ -257,14 +257,14 @@ def test_graphs_of_a_mesh_in_the_wrong_unit(
 
 
 def test_a_long_shot_is_told_in_a_few_lines(capsys: pytest.CaptureFixture[str]) -> None:
-    warned = Warned("bake", False)
+    warned = RunWarnings("bake", False)
     for i in range(400):
         warned.frame([InputWarning("frame-scaled", "x", "?")], f"{i:04d}")
         warned.frame([InputWarning("frame-scaled", "x", "?")], f"{i:04d}")
     assert len(capsys.readouterr().err.splitlines()) == 3
     warned.frame([InputWarning("stretch-at-clamp", "y", "?")], "0000")
     assert len(capsys.readouterr().err.splitlines()) == 1
-    warned.count()
+    warned.summarize()
     (told,) = capsys.readouterr().err.splitlines()
     assert told == (
         "rhytid bake: 401 warnings, listed above (3 of 400 frame-scaled); `rhytid warnings "
@@ -274,11 +274,11 @@ def test_a_long_shot_is_told_in_a_few_lines(capsys: pytest.CaptureFixture[str]) 
 
 
 def test_what_is_allowed_is_marked_and_counted(capsys: pytest.CaptureFixture[str]) -> None:
-    warned = Warned("bake", True, ["frame-scaled"])
+    warned = RunWarnings("bake", True, ["frame-scaled"])
     warned.frame([InputWarning("frame-scaled", "x", "?")], "0001")
     with pytest.raises(StrictError):
         warned.frame([InputWarning("stretch-at-clamp", "y", "?")], "0002")
-    warned.count()
+    warned.summarize()
     assert capsys.readouterr().err.splitlines() == [
         "rhytid bake: allowed warning: frame-scaled: frame 0001: x",
         "rhytid bake: warning: stretch-at-clamp: frame 0002: y",
@@ -302,4 +302,4 @@ def test_what_to_do_is_printed_without_the_documentation(
 
 def test_a_strict_command_ends_with_the_first_frame_that_is_wrong() -> None:
     with pytest.raises(StrictError):
-        Warned("bake", True).frame([InputWarning("frame-scaled", "x", "?")], "0001")
+        RunWarnings("bake", True).frame([InputWarning("frame-scaled", "x", "?")], "0001")

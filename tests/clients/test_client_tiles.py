@@ -13,8 +13,8 @@ import pytest
 from PIL import Image
 
 from clients.shells import Script
-from rhytid.cli.bake_output import FLOATS, Output
-from rhytid.cli.frame_files import FramePlace
+from rhytid.baking.frame_names import FramePlace
+from rhytid.baking.output import FLOATS, Output
 from rhytid.formats.png import read_grey_png
 from rhytid_client import Tile, npy, png
 

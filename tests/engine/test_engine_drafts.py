@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from engine.engines import REDRAW, built, running
-from rhytid.cli import bake_inputs
+from rhytid.cli import skin_options
 from rhytid.cli.program import build_parser
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.messages import NewAsset
@@ -118,5 +118,5 @@ def test_demo_and_bake_have_the_same_defaults():
     with_demo = parser.parse_args(["demo"])
     with_bake = parser.parse_args(["bake", "--mesh", __file__, "--out", "maps"])
     found = [AssetSettings.parse(demo._settings(with_demo)),
-             AssetSettings.parse(bake_inputs.asset_settings(with_bake))]  # fmt: skip
+             AssetSettings.parse(skin_options.asset_settings(with_bake))]  # fmt: skip
     assert found[0] == found[1] == AssetSettings()

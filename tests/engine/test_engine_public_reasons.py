@@ -14,8 +14,8 @@ from api.asking import NPY, npy
 from api.live import serving
 from engine.engines import built, finish, new_asset, rest, running
 from meshes import deform
-from rhytid.cli.ready_assets import build
-from rhytid.cli.warned import Warned
+from rhytid.baking.assets import build
+from rhytid.baking.run_warnings import RunWarnings
 from rhytid.engine.engine import Engine
 from rhytid.errors import ConflictError, DiskFullError, KernelBuildError, StorageError
 from rhytid.support import atomic_files
@@ -118,7 +118,7 @@ def test_a_command_tells_its_user_all_of_it(
     def fails(id: str) -> None:
         raise StorageError("some/place cannot be read: Input/output error")
 
-    with running(tmp_path) as engine, Warned("bake", False, []) as warned:
+    with running(tmp_path) as engine, RunWarnings("bake", False, []) as warned:
         monkeypatch.setattr(engine._store, "request", fails)
         with pytest.raises(ConflictError, match="could not be built: some/place cannot be read"):
             build(engine, new_asset(), warned)

@@ -36,27 +36,28 @@ ALLOWED = {
     "decoding": _FACTS | {"formats", "engine", "engine_process"},
     "fleet": _TOOLS | {"api", "decoding", "engine", "engine_process", "storage"},
     "api": _TOOLS | {"decoding", "engine", "engine_process", "exports", "storage"},
-    "farm": _FACTS | {"device"},
+    "console": {"errors", "support"},
+    "baking": _TOOLS | {"console", "engine", "exports", "meshes", "storage", "synthesis"},
     "cli": _TOOLS
     | _WORK
-    | {"engine", "engine_process", "api", "fleet", "farm"}
+    | {"api", "baking", "console", "engine", "engine_process", "fleet"}
     | {"exports", "meshes", "pictures"},
 }
 # Modules of `rhytid.support` that only what runs a service may import: the rest is told.
-SERVICES = {"engine", "engine_process", "decoding", "fleet", "api", "cli", "support"}
+SERVICES = {"baking", "engine", "engine_process", "decoding", "fleet", "api", "cli", "support"}
 OF_SERVICES = ("rhytid.support.settings", "rhytid.support.logs")
 # The only parts that may import a package from outside; other packages are free.
 ONLY_IN = {
     "pyopencl": {"device"},
     "fastapi": {"api"},
     "starlette": {"api"},
-    "uvicorn": {"cli"},
+    "uvicorn": {"api"},
     "rhytid_kernels": {"device", "support"},
     "rhytid_viewer": {"api", "exports"},
     "trimesh": {"exports", "meshes"},
     "OpenImageIO": {"exports"},
-    "dask": {"farm"},
-    "distributed": {"farm"},
+    "dask": {"baking"},
+    "distributed": {"baking"},
     "fsspec": {"storage"},
     "s3fs": {"storage"},
     "ray": {"fleet"},

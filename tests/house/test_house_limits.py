@@ -9,9 +9,17 @@ import pytest
 
 from house.markdown import table
 from house.pages import ROOT
-from rhytid.api import access, admission, encoding, events, multipart, request_memory, uploads
+from rhytid.api import (
+    access,
+    admission,
+    encoding,
+    events,
+    multipart,
+    request_memory,
+    uploads,
+)
 from rhytid.api.live import drawing, session, wire
-from rhytid.cli import connections, web_sockets
+from rhytid.api.server import connections, web_sockets
 from rhytid.decoding import decoder, limits
 from rhytid.domain import expressions, painted_maps, view
 from rhytid.engine import byte_budget

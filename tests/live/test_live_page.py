@@ -7,8 +7,8 @@ from pathlib import Path
 
 from rhytid.api import admission
 from rhytid.api.live import drawing, session, wire
+from rhytid.api.server import web_sockets
 from rhytid.api.uploads import JSON_LIMIT
-from rhytid.cli import web_sockets
 from rhytid_client.live_link.receiver import PORT
 
 PAGE = (Path(__file__).parents[2] / "docs" / "live.md").read_text("utf-8")

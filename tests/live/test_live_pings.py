@@ -9,8 +9,8 @@ import pytest
 import uvicorn
 from uvicorn.server import ServerState
 
-from rhytid.cli import web_sockets
-from rhytid.cli.web_sockets import OPTIONS, WebSockets
+from rhytid.api.server import web_sockets
+from rhytid.api.server.web_sockets import OPTIONS, WebSockets
 
 HANDSHAKE = (
     b"GET /live HTTP/1.1\r\nHost: a\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"

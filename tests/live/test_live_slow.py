@@ -58,7 +58,7 @@ def test_what_nobody_reads_is_not_drawn_and_not_kept(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(session, "STALLED", 0.3)
-    monkeypatch.setattr("rhytid.cli.web_sockets.LEFT_TO_READ", 0.1)
+    monkeypatch.setattr("rhytid.api.server.web_sockets.LEFT_TO_READ", 0.1)
     caplog.set_level("INFO", "rhytid.api.live.session")
     engine = FakeEngine()
     with serving(engine) as client:

@@ -1,4 +1,4 @@
-"""The command line: thin, one module per command."""
+"""The command line: one module for each command, and what commands share."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from rhytid.cli.termination import INTERRUPTED, end_now, interruptible
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status.
 
-    0: all was done.  1: an error, reported in one line on stderr.  130: interrupted. Raises
-    SystemExit, with 2 over arguments that cannot be understood and with 143 when terminated.
+    0: done.  1: an error, printed as one line on stderr.  130: interrupted. Raises SystemExit, with
+    2 where the arguments cannot be understood, and with 143 where SIGTERM came.
     """
     with interruptible() as interruption:
         try:
@@ -27,7 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def console() -> NoReturn:
-    """The program `rhytid`: `main`, and the end of the process."""
+    """The program `rhytid`: run `main`, and end the process."""
     status = main()
     if status == INTERRUPTED:  # threads may be at work: nobody waits for them
         end_now(status)

@@ -3,146 +3,226 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
-from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from rhytid.cli.bake_options import bake_parser, refuse_conflicts
-from rhytid.cli.options import Commands
-from rhytid.cli.reporting import report
-from rhytid.cli.serve import sharing
-from rhytid.cli.timing import Stopwatch
-from rhytid.cli.voice import note
-from rhytid.domain.wording import plural
-from rhytid.engine.messages import MapQuery
-from rhytid.support.atomic_files import sweep
+from rhytid.baking.request import CHUNK, LOCAL, BakeRequest
+from rhytid.cli.options import (
+    FRAME_FILES,
+    Arguments,
+    add_caches,
+    add_device,
+    add_force,
+    add_json,
+    add_mesh,
+    add_profiles,
+    add_progress,
+    add_query,
+    add_several,
+    add_shared_store,
+    add_stiffness,
+    add_strict,
+    add_unit,
+    base_name,
+    cache_clip,
+    frame_range,
+    positive,
+    readable,
+    service_settings,
+)
+from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.skin_options import add_skin, refuse_without_effect, skin_request
+from rhytid.console import report
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.engine.messages import METHODS, MapQuery
 from rhytid.support.build_identity import check_drawing
-from rhytid.support.settings import ServiceSettings
-from rhytid.support.temporary_folders import temporary_folder
 
-if TYPE_CHECKING:
-    from rhytid.cli.bake_inputs import BakeInputs
-    from rhytid.cli.bake_output import BakeSize
-    from rhytid.cli.baking import Baker
-    from rhytid.cli.dask_bake import DaskBake
-    from rhytid.cli.warned import Warned
-    from rhytid.engine.engine import Engine
+# Options that say how an asset is built.
+_BUILDING = (
+    "graph", "spacing", "wrinkles", "seed", "lines", "region", "set", "map", "region_mask", "unit",
+    "settings", "stiffness", "shapes", "force",
+)  # fmt: skip
+SUMMARY = "Write the displacement of an animation as textures; continues where it was interrupted."
+DETAILS = """
+Files are called NAME.<UDIM>.<FRAME>.exr, those of other profiles than float and half otherwise:
+docs/textures.md has all names. FRAME is the number that a geometry cache gives; else, where each
+frame file holds one frame, the number at the end of its name, or its name where not all have a
+number; else frames are counted from 0001.
+Maps that were baked from the same inputs are skipped. With --method binned the range of the
+precomputed maps comes from the frame that stretches most, unless the settings give bins.r_max.
+--frame-range bakes a part: several commands may bake parts into one DIR at once. Where frames have
+names and no numbers, they count from 1."""
 
 
 def add_command(commands: Commands) -> None:
     """Add `bake` to the parser."""
-    bake_parser(commands).set_defaults(run=run)
+    example = "rhytid bake face.obj --frames shot/*.obj --out maps"
+    parser = new_command(commands, "bake", SUMMARY, example)
+    parser.description = SUMMARY + DETAILS
+    parser.epilog = f"{parser.epilog}, or with: --method convolved --sampling smooth"
+    _add_input(parser.add_argument_group("input"))
+    skin = add_skin(parser, graph=True)
+    add_force(skin)
+    add_stiffness(skin)
+    settings = "asset settings as JSON"
+    skin.add_argument("--settings", type=readable, metavar="FILE", help=settings)
+    _add_output(parser.add_argument_group("output"))
+    _add_machines(parser.add_argument_group("assets, devices and many machines"))
+    reports = parser.add_argument_group("what is reported")
+    add_strict(reports)
+    add_json(reports)
+    add_progress(reports)
+    parser.set_defaults(run=run, usage_error=parser.refuse)
+
+
+def _add_input(group: Arguments) -> None:
+    """Add the options of the mesh and its frames."""
+    add = group.add_argument
+    add_mesh(group, "NEUTRAL")
+    frames = f"{FRAME_FILES}; not needed where NEUTRAL holds frames"
+    add_several(group, "--frames", type=readable, metavar="FILE", help=frames)
+    listed = "a text file that lists files of frames, or frames, in place of --frames"
+    add("--frames-list", type=readable, metavar="FILE", help=listed)
+    beside = "folder that the names in --frames-list are relative to (default: its own folder)"
+    add("--frames-folder", type=Path, metavar="DIR", help=beside)
+    part = "bake these frames alone, by their numbers: 1-10,15,20-30:2 (default: all)"
+    add("--frame-range", type=frame_range, metavar="RANGE", help=part)
+    add_caches(group)
+    add_unit(group, "NEUTRAL")
+
+
+def _add_output(group: Arguments) -> None:
+    """Add the options of what is drawn and written."""
+    add = group.add_argument
+    add("--out", type=Path, required=True, metavar="DIR", help="folder of the maps")
+    name = "first part of file names (default: NEUTRAL's)"
+    add("--name", type=base_name, metavar="NAME", help=name)
+    size = f"texels per side, a power of two (default: {AssetSettings().resolution})"
+    add("--resolution", type=int, metavar="R", help=size)
+    add("--method", choices=METHODS, default="redraw", help="how to draw")
+    add_query(group)
+    add_profiles(group)
+    geometry = "write each frame as a displaced surface, too: NAME.<FRAME>.glb"
+    add("--geometry", choices=("glb", "ply"), help=geometry)
+    levels = "how many times --geometry cuts each triangle in four, 0 to 8"
+    add("--subdivide", type=int, choices=range(9), default=2, metavar="N", help=levels)
+
+
+def _add_machines(group: Arguments) -> None:
+    """Add the options of stores, devices and many machines."""
+    add = group.add_argument
+    store = "keep the built asset here, or take --asset from here (default: a temporary folder)"
+    add("--store", type=Path, metavar="DIR", help=store)
+    add_shared_store(group)
+    asset = "use this built asset of --store, or of --shared-store, with its settings; builds none"
+    add("--asset", metavar="ID", help=asset)
+    add_device(group)
+    bundle = "write a job of a render farm into DIR (Open Job Description); bakes no map"
+    add("--openjd", type=Path, metavar="DIR", help=bundle)
+    chunk = (
+        f"frames per task of --openjd (default: {CHUNK}) or --dask (default: such that each worker "
+        "gets four tasks, 50 at most)"
+    )
+    add("--chunk", type=positive, metavar="N", help=chunk)
+    drawing = "fail where this rhytid draws otherwise: what `rhytid --version` calls drawing"
+    add("--drawing-version", metavar="VERSION", help=drawing)
+    _add_dask(group)
+
+
+def _add_dask(group: Arguments) -> None:
+    """Add `--dask` and `--dask-workers`."""
+    add = group.add_argument
+    where = (
+        f"bake on the workers of the Dask scheduler at this address, or of processes here: {LOCAL}"
+    )
+    add("--dask", metavar="ADDRESS", help=where)
+    workers = (
+        f"processes of --dask {LOCAL} (default: one for each GPU; 2 without, or on a named device)"
+    )
+    add("--dask-workers", type=positive, metavar="N", help=workers)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read everything, build the asset, bake, and report the times."""
-    refuse_conflicts(arguments)
+    """Bake what the arguments ask for, and report the result."""
+    _refuse_conflicts(arguments)
     if arguments.drawing_version:
         check_drawing(arguments.drawing_version)
-    from rhytid.cli.warned import Warned
-
-    with Warned("bake", arguments.strict, arguments.allow) as warned:
-        _run(arguments, warned)
-
-
-def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help does not wait for OpenCL.
-    from rhytid.cli.bake_cluster import check_cluster
-    from rhytid.cli.bake_inputs import BakeInputs
-    from rhytid.cli.bake_job import write_job
-    from rhytid.cli.dask_bake import DaskBake
-    from rhytid.cli.places import make_folder
-    from rhytid.engine.engine import Engine
+    from rhytid.baking.bake import bake
+    from rhytid.baking.run_warnings import RunWarnings
 
-    given = BakeInputs.read(arguments, warned)
-    if arguments.dask is not None:
-        check_cluster(arguments.dask)
-    make_folder(arguments.openjd or arguments.out)
-    if given.new is not None:
-        note(f"rhytid: {given.size(given.new.settings.resolution).text()}")
-    watch = Stopwatch()
-    with _service(arguments, watch) as service, closing(Engine(service)) as engine:
-        baker = _baker(arguments, engine, given, watch, warned, service.store)
-        if arguments.method == "binned" and not given.range_fixed:
-            baker.calibrate()
-        if arguments.openjd is not None:
-            write_job(arguments, engine, baker, given)
-            _share(engine, baker, given)
-            return
-        sweep(arguments.out)
-        cluster = None if arguments.dask is None else DaskBake(arguments, given, baker)
-        (cluster or baker).run()
-        _share(engine, baker, given)
-    _report(arguments, baker, watch, given.size(baker.asset.settings["resolution"]), cluster)
+    with RunWarnings("bake", arguments.strict, arguments.allow) as warnings:
+        summary = bake(_request(arguments), warnings)
+        report(summary.figures, summary.text, arguments.json)
 
 
-def _baker(
-    arguments: argparse.Namespace,
-    engine: Engine,
-    given: BakeInputs,
-    watch: Stopwatch,
-    warned: Warned,
-    store: Path,
-) -> Baker:
-    """What bakes with the asset of the arguments, which is built where it has to be."""
-    from rhytid.cli.baking import Baker
-    from rhytid.cli.ready_assets import build, stored
-    from rhytid.cli.shared_assets import searching
+def _request(arguments: argparse.Namespace) -> BakeRequest:
+    """The request that the arguments make. Raises InputError and SettingsError naming what is
+    wrong."""
+    from rhytid.exports.textures.profiles import profiles_of
 
-    if given.new is None:
-        with searching(store):
-            asset = stored(engine, arguments.asset, given.mesh, arguments.resolution)
-    else:
-        with watch.step("build"):
-            asset = build(engine, given.new, warned)
-    output = given.output(arguments.out)
-    query = MapQuery(arguments.method, arguments.stretch, arguments.sampling)
-    return Baker(
-        engine, asset, given.mesh, query, given.frames, output, watch, warned, given.geometry
+    profiles = profiles_of(arguments.profile or (["half"] if arguments.half else ["float"]))
+    return BakeRequest(
+        mesh=arguments.mesh,
+        out=arguments.out,
+        profiles=profiles,
+        query=MapQuery(arguments.method, arguments.stretch, arguments.sampling),
+        service=service_settings(arguments.store, arguments.device, arguments.shared_store),
+        skin=skin_request(arguments) if arguments.asset is None else None,
+        asset=arguments.asset,
+        resolution=arguments.resolution,
+        store=arguments.store,
+        clip=cache_clip(arguments),
+        frames=arguments.frames,
+        frames_list=arguments.frames_list,
+        frames_folder=arguments.frames_folder,
+        part=arguments.frame_range,
+        name=arguments.name,
+        geometry=arguments.geometry,
+        subdivide=arguments.subdivide,
+        openjd=arguments.openjd,
+        dask=arguments.dask,
+        dask_workers=arguments.dask_workers,
+        chunk=arguments.chunk,
+        strict=arguments.strict,
+        allow=arguments.allow,
     )
 
 
-def _share(engine: Engine, baker: Baker, given: BakeInputs) -> None:
-    """Give an asset that was built to the shared store, if there is one."""
-    from rhytid.cli.shared_assets import share
-
-    if given.new is not None:
-        share(engine, baker.asset.id)
-
-
-@contextmanager
-def _service(arguments: argparse.Namespace, watch: Stopwatch) -> Iterator[ServiceSettings]:
-    """The settings of the engine; without --store its assets last as long as the command. The asset
-    of --asset is fetched before."""
-    from rhytid.cli.shared_assets import fetch
-
-    with temporary_folder("rhytid-") as folder:
-        found = sharing(arguments.store or folder, arguments.device, arguments.shared_store)
-        if arguments.asset is not None:
-            fetch(found, arguments.asset, watch)
-        yield replace(found, build_seconds=None)  # nobody else waits for it
+def _refuse_conflicts(arguments: argparse.Namespace) -> None:
+    """End with a usage error where options exclude each other, or where one has no effect."""
+    refuse_without_effect(arguments)
+    _refuse_beside_asset(arguments)
+    _refuse_dask_conflicts(arguments)
+    if arguments.half and arguments.profile:
+        arguments.usage_error("--half is --profile half: use one")
+    if arguments.frames and arguments.frames_list:
+        arguments.usage_error("--frames and --frames-list both say which frames: use one")
+    if arguments.chunk and arguments.openjd is None and arguments.dask is None:
+        arguments.usage_error("--chunk says how many frames a task has: give --openjd or --dask")
+    if arguments.frames_folder and not arguments.frames_list:
+        arguments.usage_error("--frames-folder is where the files of --frames-list are: give both")
 
 
-def _report(
-    arguments: argparse.Namespace,
-    baker: Baker,
-    watch: Stopwatch,
-    size: BakeSize,
-    cluster: DaskBake | None,
-) -> None:
-    figures = {
-        "asset": baker.asset.id,
-        "out": str(arguments.out),
-        "written": baker.written,
-        "skipped": baker.skipped,
-        "bytes_at_most": asdict(size),
-        "steps": watch.figures(),
-        **baker.warned.all_figures(),
-        **({} if cluster is None else {"cluster": asdict(cluster.figures)}),
-    }
-    what = plural(baker.written, "map" if arguments.geometry is None else "file")
-    done = f", {baker.skipped} already there" if baker.skipped else ""
-    summary = f"{what} written to {arguments.out}{done}"
-    report(figures, f"{watch.table()}\n{summary}", arguments.json)
+def _refuse_beside_asset(arguments: argparse.Namespace) -> None:
+    """End with a usage error where `--asset` has no store, or stands beside an option of how an
+    asset is built."""
+    if arguments.asset is None:
+        return
+    shared_store = service_settings(None, None, arguments.shared_store).shared_store
+    if arguments.store is None and shared_store is None:
+        arguments.usage_error("--asset needs --store or --shared-store: where it is")
+    for name in _BUILDING:
+        if getattr(arguments, name):
+            option = "--" + name.replace("_", "-")
+            arguments.usage_error(f"{option} says how to build an asset, --asset is built: use one")
+
+
+def _refuse_dask_conflicts(arguments: argparse.Namespace) -> None:
+    """End with a usage error where the options of `--dask` exclude others, or have no effect."""
+    error, address = arguments.usage_error, arguments.dask
+    if address is not None and arguments.openjd is not None:
+        error("--openjd and --dask are two ways to many machines: use one")
+    if arguments.dask_workers and address != LOCAL:
+        error(f"--dask-workers says how many processes --dask {LOCAL} starts: give that, too")
+    if address is not None and address != LOCAL and "://" not in address:
+        error(f"--dask {address}: {LOCAL}, or an address as tcp://HOST:8786")

@@ -1,4 +1,4 @@
-"""`rhytid check`: what is right and wrong with a mesh, before anything is made of it."""
+"""`rhytid check`: problems of a mesh and its frames, found before anything is made of them."""
 
 from __future__ import annotations
 
@@ -6,23 +6,24 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.argument_types import readable
-from rhytid.cli.mesh_options import (
+from rhytid.cli.options import (
     FRAME_FILES,
     add_caches,
+    add_json,
     add_mesh,
+    add_several,
+    add_strict,
     add_unit,
     cache_clip,
     length_unit,
+    readable,
 )
-from rhytid.cli.options import Commands, add_json, add_several, add_strict, new_command
-from rhytid.cli.progress import counted, working
-from rhytid.cli.reporting import report, table
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import check_suffix, counted, make_place, report, table, working
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.errors import InputError
 
 if TYPE_CHECKING:
-    from rhytid.cli.warned import Warned
+    from rhytid.baking.run_warnings import RunWarnings
     from rhytid.meshes.check import MeshCheck
 
 _PNG = ".png"
@@ -55,55 +56,55 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read, check, write and report; with --strict warnings are an error at the end."""
-    from rhytid.cli.warned import Warned
+    """Check the mesh, and report. With --strict, warnings are an error at the end."""
+    from rhytid.baking.run_warnings import RunWarnings
 
-    with Warned("check", arguments.strict, arguments.allow) as warned:
-        _run(arguments, warned)
-        warned.refuse()
+    with RunWarnings("check", arguments.strict, arguments.allow) as warnings:
+        _run(arguments, warnings)
+        warnings.refuse()
 
 
-def _run(arguments: argparse.Namespace, warned: Warned) -> None:
-    from rhytid.cli.input_files import mesh_file
-    from rhytid.cli.places import make_place
+def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
+    from rhytid.baking.input_files import mesh_file
     from rhytid.meshes.check import HEADER, MeshCheck, rows
 
     picture: Path | None = arguments.picture
     if picture is not None:
-        if picture.suffix.lower() != _PNG:
-            raise InputError(f"{picture}: the picture is written as {_PNG}")
+        check_suffix(picture, _PNG, "the picture")
         make_place(picture)
     AssetSettings.parse({"resolution": arguments.resolution})
     read = mesh_file(arguments.mesh, cache_clip(arguments))
-    warned.notes(read.notes)
+    warnings.notes(read.notes)
     unit = length_unit(arguments, read)
     with working("checking the mesh"):
         check = MeshCheck.of(read, unit, arguments.resolution)
-    figures = check.figures() | _frames(arguments, check, warned)
-    warned.notice(check.notices())
-    figures = {"file": str(arguments.mesh), **figures, **warned.all_figures()}
+    figures = check.figures() | _frames(arguments, check, warnings)
+    warnings.add_notices(check.notices())
+    figures = {"file": str(arguments.mesh), **figures, **warnings.all_figures()}
     if picture is not None:
         with working(f"drawing {picture.name}"):
             _draw(check, arguments.mesh.name, picture)
     report(figures, table(HEADER, rows(check, figures)), arguments.json)
 
 
-def _frames(arguments: argparse.Namespace, check: MeshCheck, warned: Warned) -> dict[str, Any]:
-    """Report the warnings of the mesh and of every frame; how many frames there are."""
+def _frames(
+    arguments: argparse.Namespace, check: MeshCheck, warnings: RunWarnings
+) -> dict[str, Any]:
+    """Add the warnings of the mesh and of every frame; return the number of frames, for JSON."""
     from dataclasses import replace
 
-    from rhytid.cli.frame_files import FrameFiles
+    from rhytid.baking.frames import FrameFiles
     from rhytid.domain.mesh_warnings import FrameCheck, mesh_warnings
 
     name, mesh = arguments.mesh.name, check.mesh
     found = mesh_warnings(mesh, check.unit, check.resolution, check.layout.udims)
-    warned.tell(replace(warning, where=f"{name}, {warning.where}") for warning in found)
+    warnings.add(replace(warning, where=f"{name}, {warning.where}") for warning in found)
     if not arguments.frames and check.file.frames is None and check.file.animation is None:
         return {"frames": 0}
     files = FrameFiles(check.file, arguments.frames, cache_clip(arguments))
     looked = FrameCheck(mesh, check.unit)
     for place in counted(files.places, "checking", "frame"):
-        warned.tell(looked.warnings(files.read(place), f"frame {place.name}"))
+        warnings.add(looked.warnings(files.read(place), f"frame {place.name}"))
     return {"frames": len(files.places)}
 
 

@@ -1,4 +1,4 @@
-"""`rhytid completion`: a script by which a shell completes commands, options and files."""
+"""`rhytid completion`: a script by which a shell completes commands, options and file names."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from rhytid.cli.options import Commands, new_command
+from rhytid.cli.parser import Commands, new_command
 
 SHELLS = ("bash", "zsh", "fish")
 
@@ -27,9 +27,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Print the script."""
     import shtab
 
-    from rhytid.cli.program import build_parser
-
-    parser = build_parser()
+    parser: argparse.ArgumentParser = arguments.program
     for action in _actions(parser):
         if _takes_files(action):
             action.complete = shtab.FILE  # type: ignore[attr-defined]
@@ -37,7 +35,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """Those of a parser and of its commands."""
+    """The actions of a parser and of its commands."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for command in action.choices.values():
@@ -46,6 +44,6 @@ def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
 
 
 def _takes_files(action: argparse.Action) -> bool:
-    """Whether the type of an argument makes paths."""
+    """Whether an argument is the name of a file."""
     made = getattr(action.type, "__annotations__", {}).get("return")
     return action.type is Path or made in (Path, "Path")

@@ -1,4 +1,4 @@
-"""Skin of a small piece of a mesh at any value of any control, as pictures."""
+"""Pictures of a small piece of skin, at any value of any control."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ PRESSED, LIGHT = 0.2, 30.0
 
 
 class ControlSkins:
-    """A patch of a mesh that is drawn with controls at values.
+    """A patch of a mesh whose skin is drawn at values of controls.
 
-    place: u and v, or x, y and z of the patch; none: the flattest place. Raises InputError where
-    no patch fits.
+    unit: length unit of the mesh.  place: u and v, or x, y and z, of the patch; empty for the
+    flattest place. Raises InputError where no patch fits.
     """
 
     def __init__(self, device: Device, mesh: Mesh, unit: str, place: Sequence[float] = ()) -> None:
@@ -54,7 +54,7 @@ class ControlSkins:
         self._pressing = self._surface(self._frame)
 
     def patch(self, sample: ControlSample) -> LabelledPatch:
-        """The picture of a control at a value."""
+        """The picture of a control at one value."""
         settings = AssetSettings.parse({"unit": self._unit, **sample.settings}).for_synthesis()
         made = self._skin(settings, sample)
         resolution = resolution_for([self._spot.scale], made.spacing)
@@ -68,7 +68,7 @@ class ControlSkins:
         return LabelledPatch(sample.label, surface.picture(heights, LIGHT))
 
     def _skin(self, settings: AssetSettings, sample: ControlSample) -> Synthesis:
-        """Grown once for all that change only how it is drawn."""
+        """The skin of a value. Values that only change how skin is drawn share one."""
         masked = sample.grey is not None and sample.name != STIFFNESS
         controls = Controls({sample.name: self._mask(sample)}) if masked else None
         graph = settings.as_json()["graph"]
@@ -79,11 +79,11 @@ class ControlSkins:
         return self._grown[key]
 
     def _mask(self, sample: ControlSample) -> dict[int, NDArray[np.float32]]:
-        """One grey everywhere."""
+        """A mask that has one grey everywhere."""
         return {self._udim: np.full((2, 2), sample.grey, np.float32)}
 
     def _pressed(self) -> NDArray[np.float32]:
-        """(V, 3) where the piece is when it is pressed together from left and right."""
+        """(V, 3) positions of the piece, pressed together from left and right."""
         frame, positions = self._spot.frame, self._mesh.positions.astype(np.float64)
         right = frame.axes[0]
         across = (positions - frame.origin) @ right

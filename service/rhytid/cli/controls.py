@@ -6,10 +6,18 @@ import argparse
 from pathlib import Path
 
 from rhytid.cli.control_samples import NAMES, samples, title
-from rhytid.cli.mesh_options import MESH_FILES, add_mesh, add_prim, add_unit, length_unit, prim_clip
-from rhytid.cli.options import Commands, add_device, add_several, new_command
-from rhytid.cli.progress import counted
-from rhytid.cli.voice import note
+from rhytid.cli.options import (
+    MESH_FILES,
+    add_device,
+    add_mesh,
+    add_prim,
+    add_several,
+    add_unit,
+    length_unit,
+    prim_clip,
+)
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import check_suffix, counted, make_place, note
 from rhytid.errors import InputError
 
 SUMMARY = "Draw one patch of skin with every mask and setting of the look at three values each."
@@ -41,17 +49,15 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read the mesh, draw every control, write the picture."""
+    """Draw every control, and write the picture."""
+    from rhytid.baking.input_files import mesh_file
     from rhytid.cli.control_skins import ControlSkins
     from rhytid.cli.graph_output import PNG, open_device
-    from rhytid.cli.input_files import mesh_file
-    from rhytid.cli.places import make_place
     from rhytid.pictures.sheet import control_sheet
     from rhytid.support.atomic_files import atomic_write
 
     out: Path = arguments.out
-    if out.suffix.lower() != PNG:
-        raise InputError(f"{out}: the picture is written as {PNG}")
+    check_suffix(out, PNG, "the picture")
     if len(arguments.patch) not in (0, 2, 3):
         raise InputError(f"--patch has {len(arguments.patch)} numbers: U V or X Y Z")
     read = mesh_file(arguments.mesh, prim_clip(arguments.prim))

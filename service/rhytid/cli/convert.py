@@ -1,18 +1,23 @@
-"""`rhytid convert`: a mesh and its animation, from any file that commands read, as one npz."""
+"""`rhytid convert`: a mesh and its animation as one npz, from any file that commands read."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from rhytid.cli.argument_types import readable
-from rhytid.cli.mesh_options import FRAME_FILES, add_caches, add_mesh, cache_clip
-from rhytid.cli.options import Commands, add_json, add_several, new_command
-from rhytid.cli.progress import counted
-from rhytid.cli.reporting import report
+from rhytid.cli.options import (
+    FRAME_FILES,
+    add_caches,
+    add_json,
+    add_mesh,
+    add_several,
+    cache_clip,
+    readable,
+)
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import check_suffix, counted, make_place, report
 from rhytid.domain.frame import counted_frame
 from rhytid.domain.wording import plural
-from rhytid.errors import InputError
 
 SUMMARY = "Write a mesh and its animation as one npz, to send it to a server: USD, too."
 DETAILS = """
@@ -37,21 +42,19 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read the mesh, write it with its frames, and say how a server knows them."""
-    from rhytid.cli.frame_files import FrameFiles
-    from rhytid.cli.input_files import mesh_file
-    from rhytid.cli.places import make_place
-    from rhytid.cli.warned import Warned
+    """Write the mesh with its frames, and report which names the frames have on a server."""
+    from rhytid.baking.frames import FrameFiles
+    from rhytid.baking.input_files import mesh_file
+    from rhytid.baking.run_warnings import RunWarnings
     from rhytid.formats.npz import write_mesh_npz
     from rhytid.support.atomic_files import atomic_write
 
     out: Path = arguments.out
-    if out.suffix.lower() != ".npz":
-        raise InputError(f"{out}: the mesh is written as .npz")
+    check_suffix(out, ".npz", "the mesh")
     clip = cache_clip(arguments)
     read = mesh_file(arguments.mesh, clip)
-    with Warned("convert", False) as warned:
-        warned.notes(read.notes)
+    with RunWarnings("convert", False) as warnings:
+        warnings.notes(read.notes)
     moves = arguments.frames or read.frames is not None or read.animation is not None
     files = FrameFiles(read, arguments.frames, clip) if moves else None
     places = files.places if files else []

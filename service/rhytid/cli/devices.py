@@ -1,12 +1,12 @@
-"""`rhytid devices`: what could compute here, and what would."""
+"""`rhytid devices`: the OpenCL devices of this machine, and which one is used."""
 
 from __future__ import annotations
 
 import argparse
 
-from rhytid.cli.options import Commands, add_json, new_command
-from rhytid.cli.progress import working
-from rhytid.cli.reporting import report, table
+from rhytid.cli.options import add_json
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import report, table, working
 from rhytid.support.settings import ServiceSettings
 
 HEADER = ("number", "kind", "units", "memory MiB", "version", "name", "platform", "used")
@@ -25,7 +25,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """List the devices; raises NoDeviceError where none computes, naming the ways to get one."""
+    """List the devices. Raises NoDeviceError where none computes, naming the ways to get one."""
     # Imported here, because looking for OpenCL drivers takes time that --help should not.
     from rhytid.device.select import candidates, choose
 

@@ -1,27 +1,41 @@
-"""`rhytid export`: a skin package, all that the fast method reads at run time."""
+"""`rhytid export`: a skin package, which holds all that the fast method reads at run time."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.argument_types import readable
-from rhytid.cli.mesh_options import MESH_FILES, add_caches, add_unit, cache_clip
-from rhytid.cli.options import Commands, add_device, add_force, add_json, add_strict, new_command
-from rhytid.cli.progress import counted, working
-from rhytid.cli.reporting import report, table
-from rhytid.cli.serve import chosen
-from rhytid.cli.skin_options import add_skin, refuse_without_effect
+from rhytid.cli.options import (
+    MESH_FILES,
+    add_caches,
+    add_device,
+    add_force,
+    add_json,
+    add_strict,
+    add_unit,
+    cache_clip,
+    local_settings,
+    readable,
+)
+from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.skin_options import add_skin, refuse_without_effect, skin_request
+from rhytid.console import counted, make_folder, report, table, working
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.errors import NotFoundError
 from rhytid.support.temporary_folders import temporary_folder
 
 if TYPE_CHECKING:
-    from rhytid.cli.export_sources import Exported
-    from rhytid.cli.warned import Warned
+    from rhytid.baking.run_warnings import RunWarnings
+    from rhytid.domain.expressions import Expressions
+    from rhytid.domain.mesh import Mesh
     from rhytid.engine.engine import Engine
+    from rhytid.engine.messages import NewAsset
     from rhytid.exports.skin_package.package import PackageWriter
+    from rhytid.formats.frame_set import Clip
 
 SUMMARY = "Write a skin package: mesh, textures and the shader of the fast method, for engines."
 DETAILS = """
@@ -67,7 +81,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Take or build the asset, write the package and report its figures."""
+    """Take or build the asset, write the package, and report its figures."""
     if arguments.asset is not None:
         for name in _BUILDING:
             given = getattr(arguments, name)
@@ -77,40 +91,115 @@ def run(arguments: argparse.Namespace) -> None:
     elif arguments.graph is not None:
         # Shapes are morph targets here, whatever lines grow by.
         refuse_without_effect(argparse.Namespace(**{**vars(arguments), "shapes": None}))
-    from rhytid.cli.warned import Warned
+    from rhytid.baking.run_warnings import RunWarnings
 
-    with Warned("export", arguments.strict, arguments.allow) as warned:
-        _run(arguments, warned)
+    with RunWarnings("export", arguments.strict, arguments.allow) as warnings:
+        _run(arguments, warnings)
 
 
-def _run(arguments: argparse.Namespace, warned: Warned) -> None:
+def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     # Imported here, so that --help does not wait for OpenCL.
-    from rhytid.cli.export_sources import NewSource, stored
-    from rhytid.cli.places import make_folder
-    from rhytid.cli.shared_assets import searching
+    from rhytid.baking.assets import naming_store
     from rhytid.exports.skin_package.maps import SkinMaps
     from rhytid.exports.skin_package.package import PackageWriter, has_package
 
     has_package(arguments.folder)  # raises where it is in the way, before long work
     clip = cache_clip(arguments)
-    new = None if arguments.mesh is None else NewSource.read(arguments, clip, warned)
+    new = None if arguments.mesh is None else _NewSkin.read(arguments, clip, warnings)
     if new is not None:
         make_folder(arguments.folder)
     with _engine(arguments) as engine:
-        with searching(chosen(arguments.store, None).store):
-            source = stored(engine, arguments, clip) if new is None else new.built(engine, warned)
+        with naming_store(local_settings(arguments.store, None).store):
+            skin = _stored(engine, arguments, clip) if new is None else new.built(engine, warnings)
         make_folder(arguments.folder)
         with working("reading the asset"):
-            maps = SkinMaps.of(engine, source.asset)
-        writer = PackageWriter(maps, source.mesh, source.shapes, arguments.folder, arguments.levels)
+            maps = SkinMaps.of(engine, skin.asset)
+        writer = PackageWriter(maps, skin.mesh, skin.shapes, arguments.folder, arguments.levels)
         for step in counted(writer.steps(), "exporting", "part"):
             step()
-    _report(arguments, source, writer, warned)
+    _report(arguments, skin, writer, warnings)
+
+
+@dataclass(frozen=True, eq=False)
+class _Skin:
+    """The skin of a package.
+
+    asset: id of a ready asset.  shapes: become morph targets.
+    """
+
+    asset: str
+    mesh: Mesh
+    shapes: Expressions | None
+
+
+@dataclass(frozen=True, eq=False)
+class _NewSkin:
+    """An asset that is built for the package.
+
+    shapes: become morph targets.  calibrated: whether the settings give the range of the maps.
+    """
+
+    new: NewAsset
+    shapes: Expressions | None
+    calibrated: bool
+
+    @classmethod
+    def read(cls, arguments: argparse.Namespace, clip: Clip, warnings: RunWarnings) -> _NewSkin:
+        """Read and check all files, and print warnings. Raises InputError, LimitError and
+        SettingsError naming the file or the setting."""
+        from rhytid.baking.input_files import mesh_file
+        from rhytid.baking.inputs import new_asset
+        from rhytid.exports.skin_package.maps import check_settings
+
+        skin = skin_request(arguments)
+        given = {"resolution": RESOLUTION, **skin.settings}
+        mesh = mesh_file(arguments.mesh, clip)
+        if mesh.unit is not None and "unit" not in given:
+            given["unit"] = mesh.unit
+        settings, name = AssetSettings.parse(given), arguments.mesh.name
+        check_settings(settings)
+        warnings.notes(mesh.notes)
+        warnings.inputs(mesh.mesh, name, settings.length_unit, settings.resolution)
+        new = new_asset(skin, mesh, settings.named_after(name), clip, warnings)
+        shapes = mesh.shapes if arguments.shapes is None else new.shapes
+        if new.graph is not None:  # its lines are grown
+            new = replace(new, shapes=None)
+        return cls(new, shapes, "r_max" in given.get("bins", {}))
+
+    def built(self, engine: Engine, warnings: RunWarnings) -> _Skin:
+        """Build the asset. The range of its maps fits the shape that stretches most."""
+        from rhytid.baking.assets import build, finish
+
+        asset = build(engine, self.new, warnings)
+        if self.shapes is not None and len(self.shapes) and not self.calibrated:
+            positions = counted([*self.shapes.positions], "measuring", "shape")
+            stretched = [engine.frames.put(asset.id, "shape", p) for p in positions]
+            engine.frames.delete(asset.id, "shape")
+            sizes = [info.log_stretch["abs_p90"] for info in stretched]
+            most = self.shapes.positions[sizes.index(max(sizes))]
+            finish(engine, engine.assets.calibrate(asset.id, most), "bins")
+        return _Skin(asset.id, self.new.mesh, self.shapes)
+
+
+def _stored(engine: Engine, arguments: argparse.Namespace, clip: Clip) -> _Skin:
+    """A built asset of the store, with the shapes of `--shapes`, else with those that came with its
+    mesh. Raises NotFoundError and NotReadyError."""
+    from rhytid.baking.input_files import shape_files
+    from rhytid.formats.meshes import MeshFile
+
+    asset = arguments.asset
+    mesh = engine.assets.mesh(asset)
+    shapes = shape_files(arguments.shapes, MeshFile(mesh), clip)
+    if arguments.shapes is None:
+        with suppress(NotFoundError):  # none came
+            shapes = engine.assets.shapes(asset)
+    return _Skin(asset, mesh, shapes)
 
 
 @contextmanager
 def _engine(arguments: argparse.Namespace) -> Iterator[Engine]:
-    """On the store that is named; for a new asset without one it lasts as long as the command."""
+    """An engine on the store that is named. Without one, a new asset lasts as long as the
+    command."""
     from rhytid.cli.snapshot import opened
     from rhytid.engine.engine import Engine
 
@@ -121,17 +210,17 @@ def _engine(arguments: argparse.Namespace) -> Iterator[Engine]:
                 pass
         elif store is None:
             store = folder
-        with closing(Engine(chosen(store, arguments.device))) as engine:
+        with closing(Engine(local_settings(store, arguments.device))) as engine:
             yield engine
 
 
 def _report(
-    arguments: argparse.Namespace, source: Exported, writer: PackageWriter, warned: Warned
+    arguments: argparse.Namespace, skin: _Skin, writer: PackageWriter, warnings: RunWarnings
 ) -> None:
     manifest, files = writer.manifest, writer.files
     assert manifest is not None
     figures = {
-        "asset": source.asset,
+        "asset": skin.asset,
         "out": str(arguments.folder),
         "files": len(files),
         "bytes": sum(file.stat().st_size for file in files),
@@ -141,4 +230,4 @@ def _report(
         "r_max": manifest.blend.r_max,
     }
     text = table(("figure", "value"), figures.items())
-    report({**figures, **warned.all_figures()}, text, arguments.json)
+    report({**figures, **warnings.all_figures()}, text, arguments.json)

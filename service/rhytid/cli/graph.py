@@ -1,25 +1,32 @@
-"""`rhytid graph`: what a wrinkle graph is on its mesh, as figures, curves and a picture."""
+"""`rhytid graph`: a wrinkle graph on its mesh as figures, curves and a picture."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from rhytid.cli.argument_types import readable
-from rhytid.cli.graph_output import add_outputs, check_outputs, open_device, write_outputs
-from rhytid.cli.mesh_options import MESH_FILES, add_prim, add_unit, length_unit, prim_clip
-from rhytid.cli.options import Commands, add_force, add_strict, new_command
-from rhytid.cli.progress import working
+from rhytid.cli.graph_output import (
+    add_outputs,
+    check_outputs,
+    open_device,
+    placed_graph,
+    write_outputs,
+)
+from rhytid.cli.options import (
+    MESH_FILES,
+    add_force,
+    add_prim,
+    add_strict,
+    add_unit,
+    length_unit,
+    prim_clip,
+    readable,
+)
+from rhytid.cli.parser import Commands, new_command
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.graph import WrinkleGraph
-from rhytid.domain.mesh import Mesh
 
 if TYPE_CHECKING:
-    from rhytid.cli.warned import Warned
-    from rhytid.device.runtime import Device
+    from rhytid.baking.run_warnings import RunWarnings
 
 
 def add_command(commands: Commands) -> None:
@@ -42,43 +49,21 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read both, find the pores on the mesh, write, and report the figures."""
-    from rhytid.cli.warned import Warned
+    """Read both files, find the pores on the mesh, write the outputs, and report the figures."""
+    from rhytid.baking.run_warnings import RunWarnings
 
-    with Warned("graph", arguments.strict, arguments.allow) as warned:
-        _run(arguments, warned)
+    with RunWarnings("graph", arguments.strict, arguments.allow) as warnings:
+        _run(arguments, warnings)
 
 
-def _run(arguments: argparse.Namespace, warned: Warned) -> None:
-    from rhytid.cli.input_files import graph_file, mesh_file
+def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
+    from rhytid.baking.input_files import graph_file, mesh_file
 
     read = mesh_file(arguments.mesh, prim_clip(arguments.prim))
     mesh, unit = read.mesh, length_unit(arguments, read)
-    warned.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
+    warnings.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
     check_outputs(arguments, mesh)
     device = open_device(arguments)
     graph = placed_graph(lambda: device, mesh, graph_file(arguments.graph), force=arguments.force)
-    facts = {"file": str(arguments.graph), "warnings": warned.figures()}
+    facts = {"file": str(arguments.graph), "warnings": warnings.figures()}
     write_outputs(arguments, device, mesh, graph, facts)
-
-
-def placed_graph(
-    opened: Callable[[], Device], mesh: Mesh, graph: WrinkleGraph, *, force: bool
-) -> WrinkleGraph:
-    """The graph with the triangle of every pore; a device finds those that the file leaves open.
-
-    opened: the device, called only where it is needed.
-    """
-    from rhytid.domain.graph_geometry import with_triangles
-    from rhytid.engine.assets.graphs import check_graph
-    from rhytid.pipeline.locate import locate_points
-
-    check_graph(graph, mesh, force=force)
-    known = graph.node_triangle
-    if known is not None and (known >= 0).all():
-        return graph
-    settings, device = AssetSettings(), opened()
-    with working("placing the pores"), device.task():
-        found = locate_points(device, mesh, graph.node_uv, settings.resolution, settings.padding)
-    triangle = found if known is None else np.where(known >= 0, known, found)
-    return with_triangles(graph, triangle, len(mesh.faces))

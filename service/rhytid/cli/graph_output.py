@@ -1,18 +1,16 @@
-"""What commands make of a wrinkle graph beside its file: figures, curves and a picture."""
+"""Outputs of commands that have a wrinkle graph: figures, curves and a picture."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rhytid.cli.options import add_device, add_json
-from rhytid.cli.places import make_place
-from rhytid.cli.progress import working
-from rhytid.cli.reporting import report, table
-from rhytid.cli.voice import detail
+from rhytid.console import check_suffix, detail, make_place, report, table, working
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import Lengths
@@ -27,7 +25,7 @@ PNG = ".png"
 
 
 def add_outputs(parser: argparse.ArgumentParser) -> None:
-    """`--curves`, `--preview`, the device, and `--json`."""
+    """Add `--curves`, `--preview`, `--patch`, `--device` and `--json`."""
     add = parser.add_argument
     curves = "write the wrinkles as lines in space, for other programs"
     add("--curves", type=Path, metavar="FILE.obj|.usda", help=curves)
@@ -43,8 +41,9 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
 
 
 def check_outputs(arguments: argparse.Namespace, mesh: Mesh) -> None:
-    """Refuse, before long work, a file of unknown extension, one that cannot be written, or a patch
-    that is not on the mesh; raises InputError. The folders are made."""
+    """Check before long work that the outputs can be written, and make their folders. Raises
+    InputError for an unknown ending, a file that cannot be written, or a patch that is not on the
+    mesh."""
     from rhytid.exports.curves import curve_file
 
     if arguments.patch:
@@ -52,8 +51,8 @@ def check_outputs(arguments: argparse.Namespace, mesh: Mesh) -> None:
 
     if arguments.curves is not None:
         curve_file(arguments.curves.name)
-    if arguments.preview is not None and arguments.preview.suffix.lower() != PNG:
-        raise InputError(f"{arguments.preview}: the preview is written as {PNG}")
+    if arguments.preview is not None:
+        check_suffix(arguments.preview, PNG, "the preview")
     make_place(arguments.curves)
     make_place(arguments.preview)
 
@@ -68,6 +67,30 @@ def _check_patch(arguments: argparse.Namespace, mesh: Mesh) -> None:
     spot_at(mesh, arguments.patch, 1.0)
 
 
+def placed_graph(
+    opened: Callable[[], Device], mesh: Mesh, graph: WrinkleGraph, *, force: bool
+) -> WrinkleGraph:
+    """The graph with the triangle of each pore. Those that its file leaves open are found on a
+    device.
+
+    opened: opens the device; called only where one is needed.  force: whether a graph of another
+    mesh is used.
+    """
+    from rhytid.domain.graph_geometry import with_triangles
+    from rhytid.engine.assets.graphs import check_graph
+    from rhytid.pipeline.locate import locate_points
+
+    check_graph(graph, mesh, force=force)
+    known = graph.node_triangle
+    if known is not None and (known >= 0).all():
+        return graph
+    settings, device = AssetSettings(), opened()
+    with working("placing the pores"), device.task():
+        found = locate_points(device, mesh, graph.node_uv, settings.resolution, settings.padding)
+    triangle = found if known is None else np.where(known >= 0, known, found)
+    return with_triangles(graph, triangle, len(mesh.faces))
+
+
 def write_outputs(
     arguments: argparse.Namespace,
     device: Device,
@@ -75,7 +98,8 @@ def write_outputs(
     graph: WrinkleGraph,
     facts: dict[str, Any],
 ) -> None:
-    """Write what was asked for, and report `facts` and the statistics of the graph."""
+    """Write the outputs that the arguments ask for, and report `facts` with the statistics of the
+    graph."""
     from rhytid.cli.preview import write_preview
     from rhytid.domain.graph_geometry import graph_curves
     from rhytid.exports.curves import curve_file
@@ -102,7 +126,7 @@ def write_outputs(
 
 
 def whole_file(file: Path, pieces: Any) -> None:
-    """Write pieces of bytes into a file that is there when it is whole; its folder is there."""
+    """Write pieces of bytes into a file, which appears when it is complete. Its folder exists."""
     from rhytid.support.atomic_files import atomic_write, write_pieces
 
     with atomic_write(file) as aside:
@@ -110,7 +134,7 @@ def whole_file(file: Path, pieces: Any) -> None:
 
 
 def open_device(arguments: argparse.Namespace) -> Device:
-    """The device of the arguments, or of the environment."""
+    """Open the device that the arguments name, else the one of the environment."""
     from rhytid.engine import engine
     from rhytid.support.settings import ServiceSettings
 
@@ -119,7 +143,8 @@ def open_device(arguments: argparse.Namespace) -> Device:
 
 
 def _lengths(mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings) -> Lengths:
-    """What the graph is drawn with; pores are measured where its file does not say it."""
+    """The lengths that the graph is drawn with. Distances of pores are measured where its file has
+    none."""
     from rhytid.engine.assets.graphs import graph_lengths, mean_spacing
 
     if graph.origin is not None and graph.origin.spacing is not None:

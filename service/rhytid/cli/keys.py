@@ -10,10 +10,9 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 from rhytid.api.keys import COMPUTE, READ, SCOPES, ApiKey, changing, new_key, read_keys, utc_now
-from rhytid.cli.argument_types import base_name
-from rhytid.cli.options import Commands, add_json, add_several, new_command
-from rhytid.cli.reporting import report, table
-from rhytid.cli.serve import chosen
+from rhytid.cli.options import add_json, add_several, base_name, local_settings
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import report, table
 from rhytid.errors import InputError
 
 HEADER = ("name", "id", "scopes", "made", "expires", "requests/s", "jobs")
@@ -52,11 +51,11 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Do what `action` says; raises InputError for a name that is taken, or not there."""
+    """Create, list or revoke keys. Raises InputError for a name that is taken or unknown."""
     listed = arguments.action == "list"
     if listed == (arguments.name is not None):
         arguments.usage_error(f"{arguments.action} takes {'no' if listed else 'a'} NAME")
-    path = chosen(arguments.store, None).key_file
+    path = local_settings(arguments.store, None).key_file
     {"create": _create, "list": _list, "revoke": _revoke}[arguments.action](path, arguments)
 
 

@@ -8,11 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.argument_types import base_name
-from rhytid.cli.mesh_options import add_fps, add_unit
-from rhytid.cli.options import Commands, add_json, new_command
-from rhytid.cli.reporting import report, table
-from rhytid.cli.voice import note
+from rhytid.cli.options import add_fps, add_json, add_unit, base_name
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import note, report, table
 from rhytid.domain.wording import plural
 from rhytid.errors import InputError
 
@@ -52,7 +50,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read the names of the maps, write both files and report their figures."""
+    """Write both files for the maps of a folder, and report their figures."""
     from rhytid.exports.look import materialx_look
     from rhytid.exports.usda import usd_look
     from rhytid.support.atomic_files import atomic_write, write_file
@@ -79,7 +77,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _note_gaps(frames: Sequence[str]) -> None:
-    """Note which numbers have no map, and what is shown there."""
+    """Print which frames between the first and the last have no map, and what is shown there."""
     if len(frames) < 2 or not all(frame.isdecimal() for frame in frames):
         return
     numbers = [int(frame) for frame in frames]
@@ -93,7 +91,7 @@ def _note_gaps(frames: Sequence[str]) -> None:
 
 
 def found(arguments: argparse.Namespace) -> Look:
-    """The look of the maps in a folder; raises InputError naming what is missing there."""
+    """The look of the maps in a folder. Raises InputError naming what is missing."""
     from rhytid.exports.look import Look
     from rhytid.formats.exr import read_attributes
 
@@ -124,7 +122,7 @@ def found(arguments: argparse.Namespace) -> Look:
 
 
 def _maps(folder: Path, name: str | None) -> tuple[str, set[tuple[int, str]]]:
-    """The name of the maps in a folder, and their UDIMs and frames."""
+    """The first part of the names of the maps in a folder, and their UDIMs and frames."""
     if not folder.is_dir():
         raise InputError(f"no such folder: {folder}")
     files = [match for path in folder.glob("*.exr") if (match := _FILE.fullmatch(path.name))]

@@ -1,55 +1,188 @@
-"""What the commands' options have in common."""
+"""Options that several commands have, and types of arguments.
+
+A type takes a word of the command line and returns its value, or raises ArgumentTypeError saying
+what is wrong.
+"""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from rhytid.cli.argument_types import readable
-from rhytid.cli.parser import Parser
+from rhytid.baking.frame_names import FrameRange, check_file_name
+from rhytid.console import STDOUT
+from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.warnings import CODES
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS
+from rhytid.errors import InputError
 from rhytid.exports.textures import PROFILE_NAMES
+from rhytid.formats.frame_set import Clip
+from rhytid.support.settings import ServiceSettings
 
-STDOUT = Path("-")
-Commands = Any  # argparse._SubParsersAction has no public name
+if TYPE_CHECKING:
+    from rhytid.formats.meshes import MeshFile
+
+Value = TypeVar("Value")
 # A parser, or a group of its options in --help.
 Arguments = argparse._ActionsContainer
+MAX_PORT = 65535
+MOST_FPS = 10_000
+# What the commands read.
+MESH_FILES = "OBJ, PLY, glTF, GLB, npz or USD"
+FRAME_FILES = "npy, OBJ, npz with 'frames', USD, animated glTF or GLB, MDD or PC2"
 
 
-def new_command(commands: Commands, name: str, summary: str, example: str) -> Parser:
-    """A parser for one command, with its help and an example."""
-    parser: Parser = commands.add_parser(
-        name,
-        help=summary,
-        description=summary,
-        epilog=f"example: {example}",
-        # Else --set would be --settings where there is no --set.
-        allow_abbrev=False,
-        formatter_class=HelpFormatter,
-    )
-    voice = parser.add_mutually_exclusive_group()
-    quiet = "say nothing but results, warnings and errors"
-    voice.add_argument("-q", "--quiet", action="store_true", help=quiet)
-    verbose = "also say which step begins, which file is written, and where an error came from"
-    voice.add_argument("-v", "--verbose", action="store_true", help=verbose)
-    return parser
+def readable(text: str) -> Path:
+    """The path of an existing file."""
+    path = Path(text)
+    if path.is_dir():
+        raise argparse.ArgumentTypeError(f"{text} is a folder: name a file in it")
+    if not path.is_file():
+        raise argparse.ArgumentTypeError(f"no such file: {text}")
+    return path
 
 
-class HelpFormatter(argparse.HelpFormatter):
-    """Ends the help of every option that takes a value with its default."""
+def existing(text: str) -> Path:
+    """The path of an existing file or folder."""
+    if not Path(text).exists():
+        raise argparse.ArgumentTypeError(f"no such file or folder: {text}")
+    return Path(text)
 
-    def _get_help_string(self, action: argparse.Action) -> str | None:
-        optional = action.option_strings and not action.required and action.nargs != 0
-        if not action.help or not optional or "(default: " in action.help:
-            return action.help
-        known = action.default not in (None, []) and action.default is not argparse.SUPPRESS
-        return f"{action.help} (default: {'%(default)s' if known else 'none'})"
+
+def port_number(text: str) -> int:
+    """A TCP port; 0 takes any free one."""
+    if not (text.isascii() and text.isdigit() and int(text) <= MAX_PORT):
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 0 to {MAX_PORT}")
+    return int(text)
+
+
+def positive(text: str) -> int:
+    """A whole number from 1."""
+    if not (text.isascii() and text.isdigit() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 1")
+    return int(text)
+
+
+def rate(text: str) -> float:
+    """Frames per second."""
+    try:
+        fps = float(text)
+    except ValueError:
+        fps = 0.0
+    if not 0.0 < fps <= MOST_FPS:
+        raise argparse.ArgumentTypeError(f"{text!r}: a number above 0, at most {MOST_FPS}")
+    return fps
+
+
+def unit_name(text: str) -> str:
+    """A length unit: a name, or a number and a name as 5.5cm."""
+    if millimetres(text) is None:
+        known = ", ".join(MILLIMETRES)
+        raise argparse.ArgumentTypeError(f"{text!r}: one of {known}, or so many, as 5.5cm")
+    return text
+
+
+def _checked_by(parse: Callable[[str], Value]) -> Callable[[str], Value]:
+    """Make a type of arguments of a function that raises InputError."""
+
+    def checked(text: str) -> Value:
+        try:
+            return parse(text)
+        except InputError as error:
+            raise argparse.ArgumentTypeError(str(error)) from error
+
+    return checked
+
+
+# The first part of the names of written files.
+base_name = _checked_by(check_file_name)
+# Frames by their numbers: `1-10,15,20-30:2`.
+frame_range = _checked_by(FrameRange.parse)
+
+
+def add_mesh(
+    parser: argparse._ActionsContainer,
+    name: str,
+    help: str = MESH_FILES,
+    *,
+    required: bool = True,
+) -> None:
+    """Add the neutral mesh, as an argument and as `--mesh`. Either sets `mesh`."""
+    one = parser.add_mutually_exclusive_group(required=required)
+    one.add_argument("mesh", nargs="?", action=_Given, type=readable, metavar=name, help=help)
+    same = f"the same as {name}, which stands before options of several values"
+    one.add_argument("--mesh", type=readable, metavar=name, help=same)
+
+
+class _Given(argparse.Action):
+    """Stores a value that is given. Else keeps what another argument has set."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: str | Sequence[Any] | None,
+        option_string: str | None = None,
+    ) -> None:
+        if values is not None:
+            setattr(namespace, self.dest, values)
+
+
+def add_unit(
+    parser: argparse._ActionsContainer,
+    what: str,
+    default: str = "that of a graph or of a USD file which names one, else cm",
+) -> None:
+    """Add `--unit U`, the length unit of `what`."""
+    known = ", ".join(name for name in MILLIMETRES if name.isascii())
+    unit = f"length unit of {what}: {known}, or so many of one, as 5.5cm (default: {default})"
+    parser.add_argument("--unit", type=unit_name, metavar="U", help=unit)
+
+
+def length_unit(arguments: argparse.Namespace, file: MeshFile) -> str:
+    """The unit of `--unit`, else that of the mesh file, else the usual one."""
+    return arguments.unit or file.unit or USUAL_UNIT
+
+
+def add_prim(parser: argparse._ActionsContainer) -> None:
+    """Add `--prim`, which mesh of a USD stage is meant."""
+    prim = "path or name of a mesh, where a USD stage has several"
+    parser.add_argument("--prim", metavar="PATH", help=prim)
+
+
+def prim_clip(prim: str | None) -> Clip:
+    """The clip of a `--prim` option, for commands that read no animation."""
+    return Clip(prim=prim)
+
+
+def add_fps(parser: argparse._ActionsContainer, help: str) -> None:
+    """Add `--fps`, frames per second."""
+    parser.add_argument("--fps", type=rate, default=24.0, metavar="F", help=help)
+
+
+def add_caches(parser: argparse._ActionsContainer) -> None:
+    """Add `--prim`, `--clip` and `--fps`, which animation of a geometry cache is meant."""
+    add_prim(parser)
+    clip = "name or number of an animation, where a glTF has several"
+    parser.add_argument("--clip", metavar="NAME", help=clip)
+    add_fps(parser, "frames per second that glTF and MDD, which have times, are counted by")
+
+
+def cache_clip(arguments: argparse.Namespace) -> Clip:
+    """The clip that the options of `add_caches` choose."""
+    return Clip(arguments.prim, arguments.clip, arguments.fps)
+
+
+def add_several(parser: Arguments, option: str, **named: Any) -> None:
+    """Add an option that takes one value or more, and may be repeated."""
+    parser.add_argument(option, nargs="+", action="extend", default=[], **named)
 
 
 def add_json(parser: Arguments) -> None:
-    """`--json [FILE]`: figures for machines."""
+    """Add `--json [FILE]`, which writes the figures as JSON."""
     parser.add_argument(
         "--json",
         nargs="?",
@@ -61,52 +194,13 @@ def add_json(parser: Arguments) -> None:
 
 
 def add_progress(parser: Arguments) -> None:
-    """`--progress`: whom progress is reported to."""
+    """Add `--progress`, the form of progress: for people, or for workers of OpenJD."""
     who = "report to a person, or in the lines that workers of Open Job Description read"
     parser.add_argument("--progress", choices=("person", "openjd"), default="person", help=who)
 
 
-def add_several(parser: Arguments, option: str, **named: Any) -> None:
-    """An option of one value or more, that may be given more than once."""
-    parser.add_argument(option, nargs="+", action="extend", default=[], **named)
-
-
-def add_force(parser: Arguments) -> None:
-    """`--force`."""
-    force = "take a graph that was made for another mesh"
-    parser.add_argument("--force", action="store_true", help=force)
-
-
-def add_shared_store(parser: Arguments) -> None:
-    """`--shared-store PLACE`."""
-    told = (
-        "where assets are that several machines share: a folder that all mount, or "
-        "s3://BUCKET/PREFIX with the extra s3 (default: of RHYTID_SHARED_STORE, else none)"
-    )
-    parser.add_argument("--shared-store", metavar="PLACE", help=told)
-
-
-def add_device(parser: Arguments, more: str = "") -> None:
-    """`--device D`."""
-    device = f"number or part of the name of a device{more} (default: RHYTID_DEVICE, or chosen)"
-    parser.add_argument("--device", metavar="D", help=device)
-
-
-def add_stiffness(parser: Arguments) -> None:
-    """`--stiffness FILE ...`."""
-    stiffness = "grey PNG or EXR, one per UDIM, named ANY.<UDIM>.png: white moves, black is rigid"
-    add_several(parser, "--stiffness", type=readable, metavar="FILE", help=stiffness)
-
-
-def add_profiles(parser: Arguments) -> None:
-    """`--profile NAME ...`, and `--half` for one of them."""
-    kinds = f"kinds of files to write, one or several: {', '.join(PROFILE_NAMES)} (default: float)"
-    add_several(parser, "--profile", choices=PROFILE_NAMES, metavar="NAME", help=kinds)
-    parser.add_argument("--half", action="store_true", help="the same as --profile half")
-
-
 def add_strict(parser: Arguments) -> None:
-    """`--strict`, and `--allow CODE` for what it shall not refuse."""
+    """Add `--strict`, and `--allow CODE` for warnings that it does not refuse."""
     strict = "end with an error, before anything is made, where there would be warnings"
     parser.add_argument("--strict", action="store_true", help=strict)
     allow = f"a warning that --strict does not refuse, repeated for several: {', '.join(CODES)}"
@@ -115,9 +209,68 @@ def add_strict(parser: Arguments) -> None:
     )
 
 
+def add_force(parser: Arguments) -> None:
+    """Add `--force`, which takes the graph of another mesh."""
+    force = "take a graph that was made for another mesh"
+    parser.add_argument("--force", action="store_true", help=force)
+
+
+def add_stiffness(parser: Arguments) -> None:
+    """Add `--stiffness FILE ...`."""
+    stiffness = "grey PNG or EXR, one per UDIM, named ANY.<UDIM>.png: white moves, black is rigid"
+    add_several(parser, "--stiffness", type=readable, metavar="FILE", help=stiffness)
+
+
 def add_query(parser: Arguments) -> None:
-    """`--stretch` and `--sampling`, as a tile's query has them."""
+    """Add `--stretch` and `--sampling`, as in the query of a tile."""
     stretch = "how stretch is measured"
     parser.add_argument("--stretch", choices=STRETCH_MODELS, default="tensor", help=stretch)
     sampling = "where stretch is taken: of whole triangles, or interpolated"
     parser.add_argument("--sampling", choices=SAMPLINGS, default="nearest", help=sampling)
+
+
+def add_profiles(parser: Arguments) -> None:
+    """Add `--profile NAME ...`, and `--half` as a short form."""
+    kinds = f"kinds of files to write, one or several: {', '.join(PROFILE_NAMES)} (default: float)"
+    add_several(parser, "--profile", choices=PROFILE_NAMES, metavar="NAME", help=kinds)
+    parser.add_argument("--half", action="store_true", help="the same as --profile half")
+
+
+def add_device(parser: Arguments, more: str = "") -> None:
+    """Add `--device D`."""
+    device = f"number or part of the name of a device{more} (default: RHYTID_DEVICE, or chosen)"
+    parser.add_argument("--device", metavar="D", help=device)
+
+
+def add_store(parser: Arguments) -> None:
+    """Add `--store DIR`."""
+    store = "folder of the assets (default: of RHYTID_STORE, else rhytid-store)"
+    parser.add_argument("--store", type=Path, metavar="DIR", help=store)
+
+
+def add_shared_store(parser: Arguments) -> None:
+    """Add `--shared-store PLACE`."""
+    place = (
+        "where assets are that several machines share: a folder that all mount, or "
+        "s3://BUCKET/PREFIX with the extra s3 (default: of RHYTID_SHARED_STORE, else none)"
+    )
+    parser.add_argument("--shared-store", metavar="PLACE", help=place)
+
+
+def service_settings(
+    store: Path | None, device: str | None, shared_store: str | None
+) -> ServiceSettings:
+    """The settings of the environment, with values of the command line in place of theirs."""
+    found = ServiceSettings.from_environment()
+    return replace(
+        found,
+        store=store or found.store,
+        device=device or found.device,
+        shared_store=shared_store or found.shared_store,
+    )
+
+
+def local_settings(store: Path | None, device: str | None) -> ServiceSettings:
+    """The same without a shared store, and without a time limit of builds: nobody else waits for
+    the device."""
+    return replace(service_settings(store, device, None), shared_store=None, build_seconds=None)

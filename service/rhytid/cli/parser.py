@@ -1,4 +1,4 @@
-"""The parser of the command line: how it says what is wrong with arguments."""
+"""The parsers of the program and of its commands: help, and what is wrong with arguments."""
 
 from __future__ import annotations
 
@@ -9,33 +9,65 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise, takewhile
 from typing import Any, NoReturn
 
-from rhytid.cli.voice import job_line, voice
+from rhytid.console import openjd_line, verbosity
 
+Commands = Any  # argparse._SubParsersAction has no public name
 # Options that are named to somebody who has written only their beginning.
 _MOST_NAMED = 3
 
 
-class Parser(argparse.ArgumentParser):
-    """Ends with status 2 and one line: what is wrong, and what may be meant or where help is. Tells
-    a worker agent of Open Job Description the reason, too.
+def new_command(commands: Commands, name: str, summary: str, example: str) -> Parser:
+    """Add the parser of a command, with its help and an example."""
+    parser: Parser = commands.add_parser(
+        name,
+        help=summary,
+        description=summary,
+        epilog=f"example: {example}",
+        # Else --set would be --settings where there is no --set.
+        allow_abbrev=False,
+        formatter_class=HelpFormatter,
+    )
+    voice = parser.add_mutually_exclusive_group()
+    quiet = "say nothing but results, warnings and errors"
+    voice.add_argument("-q", "--quiet", action="store_true", help=quiet)
+    verbose = "also say which step begins, which file is written, and where an error came from"
+    voice.add_argument("-v", "--verbose", action="store_true", help=verbose)
+    return parser
 
-    The parsers of commands are of the same class.
+
+class HelpFormatter(argparse.HelpFormatter):
+    """Adds the default to the help of every option that takes a value."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        optional = action.option_strings and not action.required and action.nargs != 0
+        if not action.help or not optional or "(default: " in action.help:
+            return action.help
+        known = action.default not in (None, []) and action.default is not argparse.SUPPRESS
+        return f"{action.help} (default: {'%(default)s' if known else 'none'})"
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that ends with status 2 and one line: the error, and either a suggestion or where
+    help is.
+
+    A worker agent of Open Job Description gets the error in its own form, too. Parsers of commands
+    are of the same class.
     """
 
     def error(self, message: str) -> NoReturn:
-        """End with the reason, and say how to get help."""
+        """End with the error, and say how to get help."""
         self.refuse(message, f"; {self.prog} --help says more")
 
     def refuse(self, message: str, more: str = "") -> NoReturn:
-        """End with the reason, and nothing else but what `more` says: for arguments that are
-        understood, but do not go together."""
-        if voice().for_job:
-            job_line("fail", f"{self.prog}: {message}")
+        """End with the error and `more` alone: for arguments that are valid but do not go
+        together."""
+        if verbosity().for_job:
+            openjd_line("fail", f"{self.prog}: {message}")
         self.exit(2, f"{self.prog}: error: {message}{more}\n")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """The same as that of argparse, but for arguments that are not known: they are refused
-        here, by the parser of the command, and before others that are missing."""
+        """Parse as argparse does, but refuse unknown arguments here: by the parser of the command,
+        and before missing ones."""
         words = list(sys.argv[1:] if args is None else args)
         for option in self._options_of(words):
             if option not in self._option_string_actions:
@@ -46,8 +78,8 @@ class Parser(argparse.ArgumentParser):
         return found, unknown
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """The same as that of argparse, but that a value written nearly as one of the choices, a
-        command's name too, is told which."""
+        """Check as argparse does, but suggest the choice or command that a wrong value
+        resembles."""
         try:
             super()._check_value(action, value)
         except argparse.ArgumentError as error:
@@ -58,7 +90,7 @@ class Parser(argparse.ArgumentParser):
             raise
 
     def _options_of(self, words: Sequence[str]) -> Iterator[str]:
-        """The options among words that are not a command's: `--name` of `--name=value`, too."""
+        """The options among words that are not those of a command. Of `--name=value`, `--name`."""
         mine: Iterable[str] = takewhile(lambda word: word != "--", words)
         if self._subparsers is not None:
             mine = takewhile(lambda word: word.startswith("-"), mine)
@@ -73,7 +105,7 @@ class Parser(argparse.ArgumentParser):
         self.refuse(message, f"; did you mean {' or '.join(near)}?")
 
     def _near(self, word: str) -> list[str]:
-        """Options that a word may stand for: those that begin so, or one that is written alike."""
+        """Options that a word may mean: those that begin with it, else one that is spelt alike."""
         name = word.lstrip("-")
         if word == name or len(name) < 2:
             return []
@@ -85,6 +117,6 @@ class Parser(argparse.ArgumentParser):
 
 
 def is_for_job(words: Sequence[str]) -> bool:
-    """Whether `--progress openjd` is among the words of a command line, which need not be right."""
+    """Whether a command line has `--progress openjd`. It may be wrong otherwise."""
     pairs = pairwise(words)
     return "--progress=openjd" in words or ("--progress", "openjd") in pairs

@@ -1,35 +1,50 @@
-"""The picture that `--preview` writes: the skin of a graph, drawn on a device."""
+"""Pictures of `--preview`: the skin of a graph, drawn on a device."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.cli.preview_spots import Spots, flat_spots, spot_at
-from rhytid.cli.progress import share_bar
+from rhytid.console import share_bar
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.expressions import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Stiffness
-from rhytid.domain.tiles import mesh_udims, triangles_inside, udim_origin
+from rhytid.domain.tiles import busiest_udim, mesh_udims, triangles_inside, udim_origin
 from rhytid.domain.wording import plural
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.pictures.preview import PATCH, WHOLE, Patch, WholeMap, preview
+from rhytid.pictures.preview import (
+    LIGHTS,
+    PATCH,
+    WHOLE,
+    Patch,
+    RegionView,
+    WholeMap,
+    patch_panel,
+    preview,
+    region_views,
+)
+from rhytid.pictures.sheet import Panel, sheet
 from rhytid.pictures.surface_patch import SurfacePatch, surface_patch
 from rhytid.support.atomic_files import atomic_write
 from rhytid.synthesis.progress import Progress, part
 
 PATCH_MM = 20.0
 MOST_UDIMS = 4
+# Of a patch in the picture of regions, and its pixels per side.
+SIDE_MM, _PIXELS = 8.0, 400
 # Texels between two pores, at least, as far as maps go.
 _DENSITY = 16.0
 # Texels per side of what is drawn at once.
@@ -49,10 +64,11 @@ def write_preview(
     file: Path,
     place: Sequence[float] = (),
 ) -> None:
-    """Draw the neutral skin of a graph, which names the triangles of its pores, into a PNG.
+    """Draw the neutral skin of a graph into a PNG: whole maps, and patches.
 
-    settings: unit and lengths that it is drawn with.  spacing: of its pores, as it came out, mesh
-    units.  place: u and v, or x, y and z, of the only patch; none: the flattest places.
+    graph: with the triangles of its pores.  settings: unit and lengths that it is drawn with.
+    spacing: measured distance of its pores, mesh units.  place: u and v, or x, y and z, of the only
+    patch; empty for patches at the flattest places.
     """
     unit_mm = millimetres(settings.length_unit) or MILLIMETRES[USUAL_UNIT]
     side = PATCH_MM / unit_mm
@@ -80,32 +96,6 @@ def write_preview(
             preview(maps, patches, unit_mm, caption).save(aside, format="png")
 
 
-def resolution_for(scales: Sequence[float], spacing: float) -> int:
-    """Enough texels for pores in patches.  scales: UV to a mesh unit of each.  spacing: mesh
-    units."""
-    wanted = _DENSITY / (spacing * min(scales, default=np.inf))
-    return next((r for r in _RESOLUTIONS if r >= wanted), _RESOLUTIONS[-1])
-
-
-@contextmanager
-def resident(
-    device: Device,
-    mesh: Mesh,
-    graph: WrinkleGraph,
-    settings: AssetSettings,
-    stiffness: Stiffness | None = None,
-) -> Iterator[DeviceAsset]:
-    """The skin of a graph on a device, ready to be drawn; given back at the end."""
-    with device.task():
-        asset = DeviceAsset(device, mesh, settings, stiffness)
-        try:
-            asset.mesh.locate(graph)
-            asset.mesh.install(asset.mesh.prepare(graph, settings), settings)
-            yield asset
-        finally:
-            asset.release()
-
-
 def _whole(asset: DeviceAsset, mesh: Mesh, udim: int) -> WholeMap:
     level = asset.mesh.settings.grid.levels - WHOLE.bit_length()
     heights = asset.drawing.to_host(NEUTRAL_FRAME, _NEUTRAL, udim, level, 0, 0, WHOLE)
@@ -121,7 +111,7 @@ def _area(corners: NDArray[np.float64]) -> float:
 
 
 def _patches(asset: DeviceAsset, mesh: Mesh, near: Spots, progress: Progress) -> list[Patch]:
-    """What patches at these spots show, on one map that is drawn only where they lie."""
+    """The patches at some spots. The map is only drawn where they lie."""
     udim, side = near.udim, near.side
     inside = triangles_inside(mesh, udim)
     corners = mesh.positions[mesh.faces[inside]].astype(np.float64)
@@ -132,6 +122,103 @@ def _patches(asset: DeviceAsset, mesh: Mesh, near: Spots, progress: Progress) ->
     return [Patch(name, udim, s.uv, side, surface, heights) for name, s, surface in named]
 
 
+@dataclass(frozen=True, eq=False)
+class AgedSkin:
+    """The skin of an age.
+
+    settings: unit and lengths that it is drawn with.  spacing: distance of its pores, mesh units.
+    """
+
+    age: float
+    graph: WrinkleGraph
+    settings: AssetSettings
+    spacing: float
+
+
+def write_region_sheet(
+    device: Device, mesh: Mesh, folds: Folds, skins: Iterable[AgedSkin], file: Path
+) -> None:
+    """Draw patches of all regions of a face into a PNG, two rows for each skin. Writes nothing
+    where no region lies in the UDIM with most triangles."""
+    udim, rows = busiest_udim(mesh), []
+    views: list[RegionView] = []
+    for skin in skins:
+        unit_mm = millimetres(skin.settings.length_unit) or MILLIMETRES[USUAL_UNIT]
+        views = views or skin_views(mesh, folds, udim, SIDE_MM / unit_mm)
+        if not views:
+            return
+        rows += _rows(device, mesh, udim, views, skin)
+    caption = (
+        f"Regions as masks of named expressions have them, {SIDE_MM:g} mm wide, seen on the "
+        "surface along its normal, true to scale; light from the upper left, at 45° and grazing."
+    )
+    with atomic_write(file) as aside:
+        sheet(rows, caption).save(aside, format="png")
+
+
+def skin_views(mesh: Mesh, folds: Folds, udim: int, side: float) -> list[RegionView]:
+    """Where each region of a face is looked at, as patches of `side` mesh units."""
+    inside = triangles_inside(mesh, udim)
+    faces = mesh.faces[inside]
+    size, eccentricity, _ = folds.axes()
+    return region_views(
+        mesh.positions[faces].astype(np.float64),
+        mesh.triangle_uv()[inside] - udim_origin(udim),
+        {name: mask[faces].mean(axis=1) for name, mask in folds.regions.items()},
+        (size * eccentricity)[faces].mean(axis=1),
+        side,
+        _PIXELS,
+    )
+
+
+def _rows(
+    device: Device, mesh: Mesh, udim: int, views: list[RegionView], skin: AgedSkin
+) -> list[list[Panel]]:
+    resolution = resolution_for([view.scale for view in views], skin.spacing)
+    settings = skin.settings.changed({"resolution": resolution})
+    with (
+        share_bar(f"regions, age {skin.age:g}") as show,
+        resident(device, mesh, skin.graph, settings) as asset,
+    ):
+        heights = drawn_under(asset, udim, [view.surface for view in views], show)
+    return [
+        [
+            patch_panel(
+                f"{view.region.replace('_', ' ')}, {skin.age:g} years, {light:g}°",
+                view.surface, heights, light, SIDE_MM,
+            )
+            for view in views
+        ]
+        for light in LIGHTS
+    ]  # fmt: skip
+
+
+def resolution_for(scales: Sequence[float], spacing: float) -> int:
+    """Texels per side that resolve pores in patches.  scales: UV per mesh unit in each patch.
+    spacing: of pores, mesh units."""
+    wanted = _DENSITY / (spacing * min(scales, default=np.inf))
+    return next((r for r in _RESOLUTIONS if r >= wanted), _RESOLUTIONS[-1])
+
+
+@contextmanager
+def resident(
+    device: Device,
+    mesh: Mesh,
+    graph: WrinkleGraph,
+    settings: AssetSettings,
+    stiffness: Stiffness | None = None,
+) -> Iterator[DeviceAsset]:
+    """The skin of a graph on a device, ready to be drawn. Its memory is freed after the block."""
+    with device.task():
+        asset = DeviceAsset(device, mesh, settings, stiffness)
+        try:
+            asset.mesh.locate(graph)
+            asset.mesh.install(asset.mesh.prepare(graph, settings), settings)
+            yield asset
+        finally:
+            asset.release()
+
+
 def drawn_under(
     asset: DeviceAsset,
     udim: int,
@@ -139,7 +226,8 @@ def drawn_under(
     progress: Progress,
     frame: Frame = NEUTRAL_FRAME,
 ) -> NDArray[np.float32]:
-    """(R, R) the map of a UDIM in a frame, drawn only where patches read it."""
+    """(R, R) displacement of a UDIM in a frame. It is drawn only where patches read it, and 0
+    elsewhere."""
     query = _NEUTRAL if frame is NEUTRAL_FRAME else MapQuery("redraw")
     resolution = asset.mesh.settings.resolution
     # Memory is taken by the squares that are written, not by the whole map.
@@ -156,7 +244,7 @@ def drawn_under(
 def touched_squares(
     surfaces: Sequence[SurfacePatch], resolution: int, side: int
 ) -> list[tuple[int, int]]:
-    """Row and column of the squares of `side` texels that the patches read."""
+    """Row and column of each square of `side` texels that the patches read."""
     count = resolution // side
     touched = np.zeros((count, count), bool)
     for surface in surfaces:

@@ -1,4 +1,4 @@
-"""The places of the patches of a preview: the flattest ones, or the one that the user names."""
+"""Places of the patches of a preview: the flattest ones, or the one that the user names."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ _INSIDE = -1e-9
 
 @dataclass(frozen=True, eq=False)
 class Spot:
-    """uv: (2,) within its UDIM.  frame: its tangent plane.  scale: UV to a mesh unit."""
+    """A place on the surface.
+
+    uv: (2,) within its UDIM.  frame: tangent plane.  scale: UV per mesh unit.
+    """
 
     uv: Floats
     frame: Frame
@@ -34,7 +37,10 @@ class Spot:
 
 @dataclass(frozen=True, eq=False)
 class Spots:
-    """Of one UDIM.  side: of a patch, mesh units."""
+    """Places in one UDIM.
+
+    side: of a patch, mesh units.
+    """
 
     udim: int
     side: float
@@ -42,7 +48,8 @@ class Spots:
 
 
 def flat_spots(mesh: Mesh, sides: Sequence[float]) -> Spots:
-    """Where patches of the first of these sides that fits lie flat; none on a tiny mesh."""
+    """Flat places for patches of the first of these sides that fits. There are none on a tiny
+    mesh."""
     udim = busiest_udim(mesh)
     inside = triangles_inside(mesh, udim)
     corners = mesh.positions[mesh.faces[inside]]
@@ -59,8 +66,8 @@ def flat_spots(mesh: Mesh, sides: Sequence[float]) -> Spots:
 
 
 def spot_at(mesh: Mesh, place: Sequence[float], side: float) -> Spots:
-    """The spot at (u, v), whole parts of which are the UDIM, or next to (x, y, z) in the numbers of
-    the file; raises InputError where there is no skin."""
+    """The place at (u, v), whose whole parts are the UDIM, or nearest to (x, y, z) in coordinates
+    of the file. Raises InputError where the surface is not there."""
     if not np.isfinite(place).all():
         raise InputError(f"--patch {_numbers(place)}: not a place")
     used = np.flatnonzero(mesh.usable_triangles())
@@ -80,7 +87,8 @@ def spot_at(mesh: Mesh, place: Sequence[float], side: float) -> Spots:
 
 
 def _by_uv(uv: Floats, place: Sequence[float]) -> tuple[int, Floats]:
-    """The first triangle of (K, 3, 2) at a place in UV, and barycentric coordinates there."""
+    """The first triangle of (K, 3, 2) that holds a place in UV, and barycentric coordinates
+    there."""
     edges = np.swapaxes(uv[:, 1:] - uv[:, :1], 1, 2)
     share = np.linalg.solve(edges, (np.asarray(place) - uv[:, 0])[..., None])[..., 0]
     weights = np.concatenate([1.0 - share.sum(axis=1, keepdims=True), share], axis=1)
@@ -91,7 +99,7 @@ def _by_uv(uv: Floats, place: Sequence[float]) -> tuple[int, Floats]:
 
 
 def _by_point(corners: Floats, point: Floats, place: Sequence[float]) -> tuple[int, Floats]:
-    """The triangle nearest to a point, and barycentric coordinates of the nearest point of it."""
+    """The triangle nearest to a point, and barycentric coordinates of its nearest point."""
     landing = closest(corners, point[None])
     size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     distance = float(landing.distance[0])

@@ -1,4 +1,4 @@
-"""The program `rhytid`: its parser, and how its commands end."""
+"""The program `rhytid`: its parser, and how commands end."""
 
 from __future__ import annotations
 
@@ -31,9 +31,8 @@ from rhytid.cli import (
     warnings,
 )
 from rhytid.cli.parser import Parser, is_for_job
-from rhytid.cli.places import make_place
 from rhytid.cli.termination import INTERRUPTED, Interruption
-from rhytid.cli.voice import Voice, job_line, speaking
+from rhytid.console import Verbosity, make_place, openjd_line, use_verbosity
 from rhytid.errors import RhytidError
 from rhytid.storage.lock import known_as
 from rhytid.support.build_identity import drawing_version, revision
@@ -64,13 +63,13 @@ GROUP = "rhytid.commands"
 
 def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
     """Run one command and return its exit status, as `main` has it."""
-    with speaking(Voice(for_job=is_for_job(sys.argv[1:] if argv is None else argv))):
+    with use_verbosity(Verbosity(for_job=is_for_job(sys.argv[1:] if argv is None else argv))):
         arguments = build_parser().parse_args(argv)
     interruption.command = arguments.command
     for_job = getattr(arguments, "progress", None) == "openjd"
-    voice = Voice(arguments.quiet, arguments.verbose, for_job)
+    level = Verbosity(arguments.quiet, arguments.verbose, for_job)
     try:
-        with speaking(voice), _logging(voice), known_as(f"rhytid {arguments.command}"):
+        with use_verbosity(level), _logging(level), known_as(f"rhytid {arguments.command}"):
             if arguments.command != "serve":  # which has a log
                 _warn_of_variables(arguments.command)
             make_place(getattr(arguments, "json", None))
@@ -84,17 +83,18 @@ def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
             return INTERRUPTED
         if not isinstance(error, RhytidError | OSError):
             raise
-        if voice.verbose:
+        if level.verbose:
             traceback.print_exc()
         print(f"rhytid {arguments.command}: {_line(error)}", file=sys.stderr)
         if for_job:
-            job_line("fail", f"rhytid {arguments.command}: {_line(error)}")
+            openjd_line("fail", f"rhytid {arguments.command}: {_line(error)}")
         return 1
     return 0
 
 
 def build_parser() -> Parser:
-    """Every command with its options; a command sets `run` to a function of the arguments."""
+    """The parser of all commands. Each command sets `run`, a function of the arguments, and
+    `program` is this parser."""
     parser = Parser(
         prog="rhytid",
         description="Dynamic facial wrinkles: an animated face in, displacement maps out.",
@@ -103,6 +103,7 @@ def build_parser() -> Parser:
     )
     version = "print the version, the digest of the drawing and the revision"
     parser.add_argument("--version", action=_Version, help=version)
+    parser.set_defaults(program=parser)  # which `completion` describes
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     # By name: an installed package beside one on PYTHONPATH lists each twice.
     others = {entry.name: entry for entry in entry_points(group=GROUP)}
@@ -112,7 +113,7 @@ def build_parser() -> Parser:
 
 
 class _Version(argparse.Action):
-    """Prints one line, which argparse's own action would break."""
+    """Prints the version as one line. The action of argparse would break it."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
         super().__init__(option_strings, argparse.SUPPRESS, nargs=0, help=help)
@@ -128,9 +129,9 @@ def _warn_of_variables(command: str) -> None:
 
 
 @contextmanager
-def _logging(voice: Voice) -> Iterator[None]:
-    """Where verbose, the log of this package on stderr."""
-    if not voice.verbose:
+def _logging(level: Verbosity) -> Iterator[None]:
+    """Write the log of this package on stderr within the block, where verbose."""
+    if not level.verbose:
         yield
         return
     logger, handler = logging.getLogger("rhytid"), logging.StreamHandler()
@@ -145,7 +146,8 @@ def _logging(voice: Voice) -> Iterator[None]:
 
 
 def _line(error: Exception) -> str:
-    """What to say of an error; a file's name and reason, without Python's error numbers."""
+    """The line that is printed for an error. That of a file has its name and the reason, without
+    the number of the error."""
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     return str(error)

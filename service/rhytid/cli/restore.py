@@ -6,11 +6,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.argument_types import readable
-from rhytid.cli.options import Commands, add_json, add_progress, add_shared_store, new_command
-from rhytid.cli.progress import working
-from rhytid.cli.reporting import report
-from rhytid.cli.snapshot import RUNNING, SUFFIX, add_store, mirrored
+from rhytid.cli.options import add_json, add_progress, add_shared_store, add_store, readable
+from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.snapshot import RUNNING, SUFFIX, mirrored
+from rhytid.console import report, working
 from rhytid.errors import SnapshotError
 
 if TYPE_CHECKING:
@@ -37,17 +36,17 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Take in every file; ends at the first that cannot be used."""
+    """Restore every file. Ends at the first that cannot be used."""
     with mirrored(arguments.store, arguments.shared_store, new=True) as (store, mirror):
         found = [_restored(store, mirror, file) for file in arguments.files]
     report({"restored": found}, "\n".join(map(_line, found)), arguments.json)
 
 
 def _line(one: dict[str, object]) -> str:
-    said = f"{one['asset']}: {'restored' if one['new'] else 'there already'}"
+    line = f"{one['asset']}: {'restored' if one['new'] else 'there already'}"
     if "shared" not in one:
-        return said
-    return f"{said}; {'pushed to' if one['shared'] else 'there already in'} the shared store"
+        return line
+    return f"{line}; {'pushed to' if one['shared'] else 'there already in'} the shared store"
 
 
 def _restored(store: AssetStore, mirror: StoreMirror | None, path: Path) -> dict[str, object]:

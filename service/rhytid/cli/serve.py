@@ -10,26 +10,32 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rhytid import __version__
-from rhytid.cli.argument_types import port_number
-from rhytid.cli.fleet_options import add_fleet, fleet_of
-from rhytid.cli.options import Commands, add_device, add_shared_store, new_command
+from rhytid.cli.options import (
+    add_device,
+    add_shared_store,
+    add_store,
+    port_number,
+    service_settings,
+)
+from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.termination import TERMINATED, Terminated, end_now
-from rhytid.cli.voice import voice
+from rhytid.console import verbosity
+from rhytid.domain.wording import install_hint
 from rhytid.errors import InputError
 from rhytid.support.logs import log_to_stderr
 from rhytid.support.settings import LOG_FORMATS, ServiceSettings, misspelt_variables
 
-logger = logging.getLogger(__name__)
-
 if TYPE_CHECKING:
     from rhytid.engine.operations import Engine
 
+logger = logging.getLogger(__name__)
 PORT = 8717
 ALL = "all"
+# In place of the address of a cluster of Ray: this machine alone.
+LOCAL = "local"
 # Seconds after a drain in which the process has to end.
 LAST = 10.0
 
@@ -45,8 +51,7 @@ def add_command(commands: Commands) -> None:
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on")
     port = "port; 0 takes a free one and prints it"
     parser.add_argument("--port", type=port_number, default=PORT, metavar="PORT", help=port)
-    store = "folder of the assets (default: of RHYTID_STORE, else rhytid-store)"
-    parser.add_argument("--store", type=Path, metavar="DIR", help=store)
+    add_store(parser)
     add_shared_store(parser)
     without = "ask for no API keys: for a server behind a proxy that knows who may use it"
     parser.add_argument("--without-keys", action="store_true", help=without)
@@ -60,14 +65,25 @@ def add_command(commands: Commands) -> None:
         "compute in the process of the server; otherwise the device has one, which is restarted"
     )
     parser.add_argument("--in-process", action="store_true", help=inside)
-    add_fleet(parser)
+    _add_fleet(parser)
     form = "lines of the log on stderr (default: of RHYTID_LOG_FORMAT, else text)"
     parser.add_argument("--log-format", choices=LOG_FORMATS, help=form)
     parser.set_defaults(run=run)
 
 
+def _add_fleet(parser: argparse.ArgumentParser) -> None:
+    """Add `--ray` and `--replicas`."""
+    ray = (
+        "compute in replicas of Ray Serve, one a device, behind this server: of the cluster at "
+        "ADDRESS, or of this machine alone where none is given (extra ray)"
+    )
+    parser.add_argument("--ray", nargs="?", const=LOCAL, metavar="ADDRESS", help=ray)
+    replicas = "of --ray, how many there are: a number, or two such as 2-8 (default: 1)"
+    parser.add_argument("--replicas", metavar="N", help=replicas)
+
+
 def device_numbers(text: str) -> tuple[str, ...]:
-    """`all`, or numbers with commas between them."""
+    """Numbers with commas between them, or `all`."""
     numbers = tuple(text.split(","))
     if text != ALL and not all(number.isascii() and number.isdigit() for number in numbers):
         raise argparse.ArgumentTypeError(f"{text!r}: must be {ALL}, or numbers such as 0,2")
@@ -75,11 +91,13 @@ def device_numbers(text: str) -> tuple[str, ...]:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Listen, print the address, and serve."""
+    """Listen, print the address, and serve until interrupted."""
     # Imported here, so that --help does not wait for OpenCL and the web framework.
-    from rhytid.cli.server import asks_keys, engine_of, listen
+    from rhytid.api.server.http_server import asks_keys, engine_of, listen
 
-    settings = _with_places(sharing(arguments.store, arguments.device, arguments.shared_store))
+    settings = _with_places(
+        service_settings(arguments.store, arguments.device, arguments.shared_store)
+    )
     settings = replace(
         settings,
         log_format=arguments.log_format or settings.log_format,
@@ -88,7 +106,7 @@ def run(arguments: argparse.Namespace) -> None:
     if settings.devices and (arguments.device or arguments.in_process):
         other = "--device" if arguments.device else "--in-process"
         raise InputError(f"--devices and {other} cannot be given together")
-    fleet = fleet_of(arguments, settings)
+    fleet = _fleet_of(arguments, settings)
     listening = listen(arguments.host, arguments.port)
     with closing(listening):
         ask = asks_keys(
@@ -106,9 +124,40 @@ def run(arguments: argparse.Namespace) -> None:
             _serve(listening, settings, _closing(made))
 
 
+def _fleet_of(
+    arguments: argparse.Namespace, settings: ServiceSettings
+) -> Callable[[ServiceSettings], AbstractContextManager[Any]] | None:
+    """A function that makes the engine of a fleet from settings; None where `--ray` is not given.
+
+    Raises InputError for options that do not go together and where the extra is missing,
+    SettingsError for a wrong number of replicas.
+    """
+    if arguments.ray is None:
+        if arguments.replicas is not None:
+            raise InputError("--replicas is for --ray")
+        return None
+    if arguments.in_process:
+        raise InputError("--ray and --in-process cannot be given together")
+    # Beside the packages of the extra, Ray takes a while to import.
+    from rhytid.fleet.options import FleetOptions, check_settings
+
+    check_settings(settings)
+    options = FleetOptions.read({"store": settings.store, "replicas": arguments.replicas or "1"})
+    try:
+        from rhytid.fleet.local_fleet import local_fleet
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] == "rhytid":
+            raise
+        raise InputError(
+            f"--ray needs the extra ray, and {error.name} is missing; {install_hint('ray')}"
+        ) from error
+    address = None if arguments.ray == LOCAL else arguments.ray
+    return partial(local_fleet, options=options, address=address)
+
+
 @contextmanager
 def _closing(make: Callable[[], Engine]) -> Iterator[Engine]:
-    """What is made once the block begins, closed after it."""
+    """Make an engine when the block begins, and close it at the end."""
     with closing(make()) as made:
         yield made
 
@@ -117,9 +166,9 @@ def _serve(
     listening: socket.socket, settings: ServiceSettings, engine_for: AbstractContextManager[Any]
 ) -> None:
     from rhytid.api.keys import leave_mark
+    from rhytid.api.server.connections import allow_files
+    from rhytid.api.server.http_server import address_of, server_of
     from rhytid.api.tracing import send_spans
-    from rhytid.cli.connections import allow_files
-    from rhytid.cli.server import address_of, server_of
 
     log_to_stderr(settings.log_format, logging.getLevelName(_log_level().upper()), "server")
     for line in misspelt_variables():
@@ -144,14 +193,14 @@ def _serve(
 
 
 def _end_by(seconds: float) -> None:
-    """End this process after so long, whatever hangs in it."""
+    """End this process after so many seconds, whatever hangs in it."""
     last = threading.Timer(seconds, end_now, (TERMINATED,))
     last.daemon = True
     last.start()
 
 
 def _with_places(settings: ServiceSettings) -> ServiceSettings:
-    """The settings; where nothing but the store can be written, what is kept goes there."""
+    """The settings with a cache in the store, where no other place can be written."""
     from rhytid.device.caches import provide_places, writable
 
     place = provide_places(settings.store / "cache")
@@ -161,23 +210,6 @@ def _with_places(settings: ServiceSettings) -> ServiceSettings:
 
 
 def _log_level() -> str:
-    if voice().verbose:
+    if verbosity().verbose:
         return "debug"
-    return "warning" if voice().quiet else "info"
-
-
-def chosen(store: Path | None, device: str | None) -> ServiceSettings:
-    """The settings of the environment, which the command line overrides; without a shared store,
-    and without a limit to how long a build takes, which nobody else waits for."""
-    return replace(sharing(store, device, None), shared_store=None, build_seconds=None)
-
-
-def sharing(store: Path | None, device: str | None, shared_store: str | None) -> ServiceSettings:
-    """As `chosen`, with the shared store."""
-    found = ServiceSettings.from_environment()
-    return replace(
-        found,
-        store=store or found.store,
-        device=device or found.device,
-        shared_store=shared_store or found.shared_store,
-    )
+    return "warning" if verbosity().quiet else "info"

@@ -1,18 +1,21 @@
-"""The options of skin that is grown, the same in every command that grows it."""
+"""Options of skin that is grown, the same in every command that grows it."""
 
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.argument_types import existing, readable
-from rhytid.cli.options import add_several
+from rhytid.baking.request import SkinRequest
+from rhytid.cli.options import add_several, existing, readable
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import LINES
 from rhytid.domain.lengths import SKIN
 from rhytid.domain.painted_maps import CONTROLS, REGION_MAPS, REGION_PREFIX
 from rhytid.domain.skin import REGIONS, WHOLE_FACE
+from rhytid.errors import SettingsError
 
 if TYPE_CHECKING:
     from rhytid.domain.mesh import Mesh
@@ -27,7 +30,8 @@ _GROWING = ("lines", "shapes", "region", "set", "map", "region_mask")
 
 
 def add_skin(command: argparse.ArgumentParser, *, graph: bool = False) -> argparse._ArgumentGroup:
-    """The options of skin, a group of the command's; with `graph` also `--graph` in their place."""
+    """Add the options of skin as a group, and return it.  graph: whether `--graph` is among
+    them."""
     parser = command.add_argument_group("skin")
     group = add_density(parser)
     if graph:
@@ -49,7 +53,7 @@ def add_skin(command: argparse.ArgumentParser, *, graph: bool = False) -> argpar
 
 
 def add_density(parser: argparse._ActionsContainer) -> argparse._ActionsContainer:
-    """`--spacing S` or `--wrinkles N`, of which one excludes the other, and what they are in."""
+    """Add `--spacing S` and `--wrinkles N`, which exclude each other, and return their group."""
     group = parser.add_mutually_exclusive_group()
     usual = f"distance between pores, mesh units (default: {SKIN.spacing:g} mm through the unit)"
     group.add_argument("--spacing", type=float, metavar="S", help=usual)
@@ -59,13 +63,13 @@ def add_density(parser: argparse._ActionsContainer) -> argparse._ActionsContaine
 
 
 def density(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The setting of `graph` that says how dense pores are: none where nothing is given."""
+    """The setting of `graph` that `--spacing` or `--wrinkles` gives; empty without either."""
     given = {name: getattr(arguments, name) for name in _DENSITY}
     return {name: value for name, value in given.items() if value is not None}
 
 
 def _add_lines(parser: argparse._ActionsContainer) -> None:
-    """`--lines` and `--shapes`: what the lines of the skin grow by."""
+    """Add `--lines` and `--shapes`, which say how the lines of the skin grow."""
     lines = "along the folds of expressions, or level (default: auto, by expressions if any)"
     parser.add_argument("--lines", choices=LINES, help=lines)
     shapes = (
@@ -76,7 +80,7 @@ def _add_lines(parser: argparse._ActionsContainer) -> None:
 
 
 def refuse_without_effect(arguments: argparse.Namespace) -> None:
-    """End with a usage error where `--graph` is given and an option says how skin grows."""
+    """End with a usage error where `--graph` stands beside an option of how skin grows."""
     for name in _GROWING:
         if arguments.graph is not None and getattr(arguments, name):
             option = "--" + name.replace("_", "-")
@@ -88,7 +92,7 @@ def refuse_without_effect(arguments: argparse.Namespace) -> None:
 def skin_settings(
     arguments: argparse.Namespace, given: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Settings of an asset: those given, which the options override."""
+    """Settings of an asset, as JSON: those given, overridden by the options."""
     settings = dict(given or {})
     graph = {"seed": arguments.seed, "lines": arguments.lines, "region": arguments.region}
     graph = {name: value for name, value in graph.items() if value is not None}
@@ -103,8 +107,36 @@ def skin_settings(
     return settings
 
 
+def asset_settings(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The settings of `--settings`, overridden by the options. Raises SettingsError naming what is
+    wrong."""
+    given: Any = {}
+    if arguments.settings is not None:
+        try:
+            given = json.loads(arguments.settings.read_bytes())
+        except (ValueError, RecursionError) as exc:
+            raise SettingsError(f"{arguments.settings} is not JSON: {exc}") from exc
+        AssetSettings.parse(given)
+    settings: dict[str, Any] = dict(given)
+    if arguments.resolution is not None:
+        settings["resolution"] = arguments.resolution
+    return skin_settings(arguments, settings)
+
+
+def skin_request(arguments: argparse.Namespace) -> SkinRequest:
+    """The skin that the arguments ask for. Raises what `asset_settings` does."""
+    return SkinRequest(
+        settings=asset_settings(arguments),
+        graph=arguments.graph,
+        stiffness=arguments.stiffness,
+        maps=skin_maps(arguments),
+        shapes=arguments.shapes,
+        force=arguments.force,
+    )
+
+
 def skin_maps(arguments: argparse.Namespace) -> dict[str, list[Path]]:
-    """Painted maps and masks, by the name of what they control."""
+    """Files of painted maps and masks, by the name of the control."""
     masks = [(REGION_PREFIX + region, file) for region, file in arguments.region_mask]
     files: dict[str, list[Path]] = {}
     for name, file in [*arguments.map, *masks]:
@@ -113,8 +145,8 @@ def skin_maps(arguments: argparse.Namespace) -> dict[str, list[Path]]:
 
 
 def skin_controls(arguments: argparse.Namespace, mesh: Mesh) -> Controls | None:
-    """The same, read and checked."""
-    from rhytid.cli.input_files import control_files
+    """The painted maps and masks of a mesh, read and checked."""
+    from rhytid.baking.input_files import control_files
 
     return control_files(skin_maps(arguments), mesh)
 

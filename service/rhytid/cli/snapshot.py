@@ -1,4 +1,4 @@
-"""`rhytid snapshot`: assets of a store as files, for other servers."""
+"""`rhytid snapshot`: an asset of a store as a file, for other servers."""
 
 from __future__ import annotations
 
@@ -8,11 +8,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.options import Commands, add_json, add_shared_store, new_command
-from rhytid.cli.progress import working
-from rhytid.cli.reporting import report
-from rhytid.cli.serve import chosen, sharing
-from rhytid.cli.shared_assets import bring, searching
+from rhytid.cli.options import (
+    add_json,
+    add_shared_store,
+    add_store,
+    local_settings,
+    service_settings,
+)
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import make_place, report, working
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,18 +45,13 @@ def add_command(commands: Commands) -> None:
     parser.set_defaults(run=run)
 
 
-def add_store(parser: argparse.ArgumentParser) -> None:
-    """`--store DIR`."""
-    store = "folder of the assets (default: of RHYTID_STORE, else rhytid-store)"
-    parser.add_argument("--store", type=Path, metavar="DIR", help=store)
-
-
 @contextmanager
 def opened(store: Path | None, *, new: bool) -> Iterator[AssetStore]:
-    """The store of the arguments; raises InputError where there is none, unless it may be new."""
+    """Open the store in a folder. Raises InputError where there is none, unless `new` lets it be
+    made."""
     from rhytid.storage.store import AssetStore
 
-    folder = chosen(store, None).store
+    folder = local_settings(store, None).store
     if not new and not (folder / "assets").is_dir():
         raise InputError(f"{folder} is no store of assets")
     with AssetStore(folder) as found:
@@ -63,20 +62,20 @@ def opened(store: Path | None, *, new: bool) -> Iterator[AssetStore]:
 def mirrored(
     store: Path | None, shared_store: str | None, *, new: bool
 ) -> Iterator[tuple[AssetStore, StoreMirror | None]]:
-    """The store of the arguments beside the shared one, if there is one; raises what `opened` and
-    `place_of` do."""
+    """Open the store in a folder beside the shared one, if there is one. Raises what `opened` and
+    `SharedStore.at` do."""
     from rhytid.storage.shared.mirror import StoreMirror
     from rhytid.storage.shared.shared_store import SharedStore
 
-    place = sharing(store, None, shared_store).shared_store
+    place = service_settings(store, None, shared_store).shared_store
     shared = None if place is None else SharedStore.at(place)
     with opened(store, new=new or shared is not None) as found:
         yield found, None if shared is None else StoreMirror(found, shared)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Check the asset and write the file, which is there when it is whole."""
-    from rhytid.cli.places import make_place
+    """Check the asset, and write the file, which appears when it is complete."""
+    from rhytid.baking.assets import bring, naming_store
     from rhytid.support.atomic_files import atomic_write, write_pieces
 
     out: Path = arguments.out or Path(f"{arguments.asset}{SUFFIX}")
@@ -87,7 +86,7 @@ def run(arguments: argparse.Namespace) -> None:
         if mirror is not None:
             bring(mirror, arguments.asset)
         with (
-            searching(chosen(arguments.store, None).store),
+            naming_store(local_settings(arguments.store, None).store),
             working(f"writing {out}"),
             store.snapshots.of(arguments.asset) as made,
             atomic_write(out) as aside,

@@ -16,19 +16,17 @@ from rhytid.cli.graph_output import (
     whole_file,
     write_outputs,
 )
-from rhytid.cli.mesh_options import add_caches, add_mesh, add_unit, cache_clip, length_unit
-from rhytid.cli.options import Commands, add_strict, new_command
-from rhytid.cli.places import make_place
-from rhytid.cli.progress import share_bar, working
+from rhytid.cli.options import add_caches, add_mesh, add_strict, add_unit, cache_clip, length_unit
+from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.skin_options import add_skin, skin_controls, skin_settings
+from rhytid.console import check_suffix, make_place, share_bar, working
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
 from rhytid.domain.expressions import expressions_for_lines
 from rhytid.domain.graph import GraphOrigin
-from rhytid.errors import InputError
 
 if TYPE_CHECKING:
-    from rhytid.cli.region_preview import AgedSkin
-    from rhytid.cli.warned import Warned
+    from rhytid.baking.run_warnings import RunWarnings
+    from rhytid.cli.preview import AgedSkin
     from rhytid.device.runtime import Device
     from rhytid.domain.expressions import Expressions, Folds
     from rhytid.domain.mesh import Mesh
@@ -65,18 +63,18 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read, synthesise, write, and report the figures of the result."""
+    """Synthesise the graph, write it, and report its figures."""
     if arguments.ages and arguments.preview is None:
         arguments.usage_error("--ages needs --preview FILE.png: ages are drawn in its picture")
-    from rhytid.cli.warned import Warned
+    from rhytid.baking.run_warnings import RunWarnings
 
-    with Warned("synthesize", arguments.strict, arguments.allow) as warned:
-        _run(arguments, warned)
+    with RunWarnings("synthesize", arguments.strict, arguments.allow) as warnings:
+        _run(arguments, warnings)
 
 
-def _run(arguments: argparse.Namespace, warned: Warned) -> None:
+def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     # Imported here, so that --help needs no OpenCL.
-    from rhytid.cli.input_files import mesh_file, shape_files
+    from rhytid.baking.input_files import mesh_file, shape_files
     from rhytid.formats.graphs import write_graph
     from rhytid.synthesis.build_size import BuildSize
     from rhytid.synthesis.capacity import check_amount
@@ -84,16 +82,15 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     from rhytid.synthesis.progress import clocked
 
     settings = grown_settings(skin_settings(arguments))
-    if arguments.out.suffix.lower() != GRAPH:
-        raise InputError(f"{arguments.out}: the graph is written as {GRAPH}")
+    check_suffix(arguments.out, GRAPH, "the graph")
     ages = _ages(settings, arguments.ages)
     clip = cache_clip(arguments)
     read = mesh_file(arguments.mesh, clip)
     mesh, unit = read.mesh, length_unit(arguments, read)
     arguments.unit = arguments.unit or read.unit
     settings = grown_settings(skin_settings(arguments))
-    warned.notes(read.notes)
-    warned.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
+    warnings.notes(read.notes)
+    warnings.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
     check_outputs(arguments, mesh)
     make_place(arguments.out)
     controls = skin_controls(arguments, mesh)
@@ -102,16 +99,16 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     out: Path = arguments.out
     folds = None if expressions is None else _folds(device, mesh, expressions, unit)
     wrinkles = check_amount(mesh, settings, controls, device.budget.limit, folds)
-    warned.note(str(BuildSize.of(mesh, wrinkles)))
+    warnings.note(str(BuildSize.of(mesh, wrinkles)))
     with share_bar("synthesis") as show:
         clock, seconds = clocked(show)
         made = synthesize(mesh, settings, device, clock, controls=controls, folds=folds)
     drawn = AssetSettings(unit=unit, graph=settings).with_lengths(made.lengths)
-    warned.lengths(drawn, made.distance)
+    warnings.lengths(drawn, made.distance)
     origin = GraphOrigin.of(mesh, unit, drawn.lengths(made.spacing), settings.start)
     graph = replace(made.graph, origin=origin)
     whole_file(out, [write_graph(graph)])
-    facts = {"file": str(out), "seconds": seconds, "warnings": warned.figures()}
+    facts = {"file": str(out), "seconds": seconds, "warnings": warnings.figures()}
     write_outputs(arguments, device, mesh, graph, facts)
     if folds is not None and arguments.preview is not None:
         _draw_lines(mesh, folds, arguments.preview)
@@ -131,7 +128,7 @@ def _folds(device: Device, mesh: Mesh, expressions: Expressions, unit: str) -> F
 
 
 def _draw_lines(mesh: Mesh, folds: Folds, preview: Path) -> None:
-    """The preferred lines, beside the preview."""
+    """Draw the preferred lines into a picture beside the preview."""
     from rhytid.pictures.preview import fold_picture
     from rhytid.support.atomic_files import atomic_write
 
@@ -143,7 +140,7 @@ def _draw_lines(mesh: Mesh, folds: Folds, preview: Path) -> None:
 def _draw_regions(
     device: Device, mesh: Mesh, folds: Folds, skins: Iterable[AgedSkin], preview: Path
 ) -> None:
-    from rhytid.cli.region_preview import write_region_sheet
+    from rhytid.cli.preview import write_region_sheet
 
     write_region_sheet(device, mesh, folds, skins, preview.with_suffix(".regions.png"))
 
@@ -155,8 +152,8 @@ def _aged(
     aged: GraphSettings,
     unit: str,
 ) -> AgedSkin:
-    """The skin that was made, or grown anew at another age."""
-    from rhytid.cli.region_preview import AgedSkin
+    """The skin at an age: what was made, or grown anew."""
+    from rhytid.cli.preview import AgedSkin
 
     if aged != settings:
         with share_bar(f"synthesis, age {aged.age:g}") as show:
@@ -166,10 +163,10 @@ def _aged(
 
 
 def _ages(settings: GraphSettings, ages: Sequence[float] | None) -> list[float]:
-    """Those asked for, checked; else the one of the settings."""
+    """The ages that are asked for, checked; else the age of the settings."""
     return [grown_settings({"graph": {"age": age}}).age for age in ages or [settings.age]]
 
 
 def grown_settings(given: Mapping[str, Any]) -> GraphSettings:
-    """Settings of the synthesis, of those of an asset; raises SettingsError."""
+    """Settings of the synthesis, from those of an asset. Raises SettingsError."""
     return AssetSettings.parse(given).for_synthesis().graph

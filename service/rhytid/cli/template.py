@@ -7,11 +7,18 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.mesh_options import MESH_FILES, add_mesh, add_prim, add_unit, length_unit, prim_clip
-from rhytid.cli.options import Commands, add_json, add_several, new_command
-from rhytid.cli.progress import counted, working
-from rhytid.cli.reporting import report, table
-from rhytid.cli.voice import detail
+from rhytid.cli.options import (
+    MESH_FILES,
+    add_json,
+    add_mesh,
+    add_prim,
+    add_several,
+    add_unit,
+    length_unit,
+    prim_clip,
+)
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import counted, detail, make_folder, report, table, working
 from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.painted_maps import MOST_TEXELS, NEUTRAL, NEUTRALS
 from rhytid.domain.tiles import mesh_udims
@@ -54,9 +61,8 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read the mesh, draw its UDIMs, write the masks, and report what was written."""
-    from rhytid.cli.input_files import mesh_file
-    from rhytid.cli.places import make_folder
+    """Draw templates of all UDIMs, write the masks, and report the files."""
+    from rhytid.baking.input_files import mesh_file
     from rhytid.pictures.uv_template import Charts, guide
 
     size, out = arguments.size, arguments.out
@@ -103,7 +109,7 @@ def _templates(
 
 
 def _masks(out: Path, udim: int, names: Sequence[str], size: int) -> list[dict[str, Any]]:
-    """Write the masks that are not there yet: what is painted is never replaced."""
+    """Write the masks that do not exist yet. Painted ones are never replaced."""
     from rhytid.pictures.uv_template import starter
 
     files = []
@@ -134,7 +140,7 @@ def _caption(name: str, size: int, usual_mm: float) -> str:
 
 
 def _limit(udims: int, size: int) -> str:
-    """How many of these masks go into one synthesis."""
+    """A line about how many of these masks fit into one synthesis."""
     most = MOST_TEXELS // (udims * size * size)
     if most >= len(NEUTRALS):
         return "All maps but stiffness go into one synthesis together."

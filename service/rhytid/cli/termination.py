@@ -1,8 +1,8 @@
-"""SIGINT and SIGTERM as exceptions, so that temporary folders, the store and the device are let go.
+"""SIGINT and SIGTERM as exceptions, so that temporary folders, stores and devices are released.
 
-A command ends within a second of SIGINT. Python runs a handler between two of its own instructions,
-but a call into a driver may take longer than that: a thread watches for the signal, too, and ends
-the process where the exception has not done it in time.
+A command ends within a second of SIGINT. Python runs a handler only between two of its own
+instructions, and a call into a driver may take longer than that. So a thread watches for the
+signal, too, and ends the process where the exception has not done so in time.
 """
 
 from __future__ import annotations
@@ -25,11 +25,14 @@ GRACE = 0.5
 
 
 class Terminated(SystemExit):
-    """SIGTERM came."""
+    """Raised at SIGTERM."""
 
 
 class Interruption:
-    """Whether SIGINT came, and whether that was said."""
+    """The state of an interruption by SIGINT.
+
+    came: whether SIGINT came.  command: name of the command, once the arguments are read.
+    """
 
     def __init__(self) -> None:
         self.came = False
@@ -38,13 +41,13 @@ class Interruption:
         self._said = threading.Lock()
 
     def say(self) -> None:
-        """Print one line on stderr, the first time."""
+        """Print one line on stderr, once."""
         if self._said.acquire(blocking=False):
             program = f"rhytid {self.command}".rstrip()
             print(f"{program}: interrupted", file=sys.stderr, flush=True)
 
     def interrupt(self, number: int, frame: FrameType | None) -> None:
-        """The handler of SIGINT: raises KeyboardInterrupt, once."""
+        """The handler of SIGINT. Raises KeyboardInterrupt, once."""
         if not self.came:
             self.came = True
             raise KeyboardInterrupt
@@ -52,8 +55,8 @@ class Interruption:
 
 @contextmanager
 def interruptible() -> Iterator[Interruption]:
-    """Within the block SIGINT raises KeyboardInterrupt, and ends the process where the block has
-    not ended soon after; SIGTERM raises Terminated. Signals reach the main thread alone."""
+    """Within the block, SIGINT raises KeyboardInterrupt, and ends the process if the block has not
+    ended soon after. SIGTERM raises Terminated. Does nothing outside of the main thread."""
     found = Interruption()
     here = threading.current_thread() is threading.main_thread()
     if not here or not hasattr(os, "set_blocking"):  # Windows has it from Python 3.12 on
@@ -80,7 +83,7 @@ def interruptible() -> Iterator[Interruption]:
 
 
 def _watch(reading: int, ended: threading.Event, found: Interruption) -> None:
-    """Read the numbers of signals until the other end is closed."""
+    """Read numbers of signals until the other end is closed."""
     try:
         while came := os.read(reading, 1):
             if came[0] == signal.SIGINT and not ended.wait(GRACE):
@@ -92,7 +95,7 @@ def _watch(reading: int, ended: threading.Event, found: Interruption) -> None:
 
 
 def end_now(status: int) -> NoReturn:
-    """End the process without waiting for its threads; what is half-written is removed."""
+    """End the process without waiting for its threads. Unfinished files are removed."""
     try:
         remove_temporary_folders()
         sys.stdout.flush()

@@ -7,16 +7,25 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.argument_types import readable
-from rhytid.cli.mesh_options import MESH_FILES, add_prim, add_unit, length_unit, prim_clip
-from rhytid.cli.options import Commands, add_device, add_force, add_json, add_strict, new_command
-from rhytid.cli.progress import working
-from rhytid.cli.reporting import report, table
+from rhytid.cli.options import (
+    MESH_FILES,
+    add_device,
+    add_force,
+    add_json,
+    add_prim,
+    add_strict,
+    add_unit,
+    length_unit,
+    prim_clip,
+    readable,
+)
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import check_suffix, make_place, report, table, working
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
-    from rhytid.cli.warned import Warned
+    from rhytid.baking.run_warnings import RunWarnings
     from rhytid.domain.graph import WrinkleGraph
     from rhytid.meshes.transfer import Transfer
 
@@ -52,31 +61,28 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read all three, carry the graph over, write it and report the figures."""
-    from rhytid.cli.warned import Warned
+    """Carry the graph over, write it, and report the figures."""
+    from rhytid.baking.run_warnings import RunWarnings
 
-    with Warned("transfer", arguments.strict, arguments.allow) as warned:
-        _run(arguments, warned)
+    with RunWarnings("transfer", arguments.strict, arguments.allow) as warnings:
+        _run(arguments, warnings)
 
 
-def _run(arguments: argparse.Namespace, warned: Warned) -> None:
-    from rhytid.cli.graph import placed_graph
-    from rhytid.cli.graph_output import open_device, whole_file
-    from rhytid.cli.input_files import graph_file, mesh_file
-    from rhytid.cli.places import make_place
+def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
+    from rhytid.baking.input_files import graph_file, mesh_file
+    from rhytid.cli.graph_output import open_device, placed_graph, whole_file
     from rhytid.formats.graphs import write_graph
     from rhytid.meshes.transfer import transfer
 
     out: Path = arguments.out
-    if out.suffix.lower() != _GRAPH:
-        raise InputError(f"{out}: the graph is written as {_GRAPH}")
+    check_suffix(out, _GRAPH, "the graph")
     if arguments.reach is not None and not arguments.reach > 0:
         raise InputError(f"--reach is {arguments.reach:g}: must be above 0")
     old = mesh_file(arguments.old, prim_clip(arguments.prim)).mesh
     read = mesh_file(arguments.new, prim_clip(arguments.to_prim or arguments.prim))
     new, resolution = read.mesh, AssetSettings().resolution
     unit = length_unit(arguments, read)
-    warned.inputs(new, arguments.new.name, unit, resolution)
+    warnings.inputs(new, arguments.new.name, unit, resolution)
     make_place(out)
     graph = placed_graph(
         lambda: open_device(arguments), old, graph_file(arguments.graph), force=arguments.force
@@ -84,13 +90,13 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     with working("carrying the graph over"):
         moved = transfer(graph, old, new, arguments.reach)
     whole_file(out, [write_graph(moved.graph)])
-    figures = {"file": str(out), **_figures(graph, moved), "warnings": warned.figures()}
+    figures = {"file": str(out), **_figures(graph, moved), "warnings": warnings.figures()}
     rows = [(name, _text(value)) for name, value in figures.items() if name != "warnings"]
     report(figures, table(("figure", "value"), rows), arguments.json)
 
 
 def _figures(graph: WrinkleGraph, moved: Transfer) -> dict[str, Any]:
-    """Pores and wrinkles before and after, each once, and what was lost why."""
+    """Numbers of pores and wrinkles before and after, and how many were lost for each reason."""
     names = ("pores", "wrinkles")
     before = {f"{name} before": n for name, n in zip(names, graph.counts(), strict=True)}
     after = dict(zip(names, moved.graph.counts(), strict=True))

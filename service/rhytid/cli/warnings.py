@@ -1,11 +1,11 @@
-"""`rhytid warnings`: what the codes of warnings and notices mean, and what to do."""
+"""`rhytid warnings`: the meanings of the codes of warnings and notices, and remedies."""
 
 from __future__ import annotations
 
 import argparse
 import textwrap
 
-from rhytid.cli.options import Commands, new_command
+from rhytid.cli.parser import Commands, new_command
 from rhytid.domain.notices import NOTICES
 from rhytid.domain.warnings import WARNINGS, Meaning
 
@@ -28,7 +28,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Print the meanings of the codes, of all where none is given."""
+    """Print the meanings of some codes, or of all."""
     for code in arguments.codes:
         if code not in _KNOWN:
             arguments.usage_error(f"{code!r}: one of {', '.join(_KNOWN)}")

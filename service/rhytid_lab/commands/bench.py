@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.cli.argument_types import readable
-from rhytid.cli.options import STDOUT, Commands, add_device, add_force, add_json, new_command
-from rhytid.cli.progress import counted
-from rhytid.cli.reporting import report, table, write_json
+from rhytid.cli.options import add_device, add_force, add_json, readable
+from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.skin_options import add_density
+from rhytid.console import STDOUT, counted, report, table, write_json
 from rhytid.domain.asset_settings import PRESETS
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import FrameError, InputError, RhytidError
@@ -81,7 +80,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _run_scaling(arguments: argparse.Namespace) -> None:
-    from rhytid.cli.places import make_folder
+    from rhytid.console import make_folder
     from rhytid_lab.bench.scaling import SERIES, Scaling, plot
     from rhytid_lab.bench.subject import USUAL_WRINKLES
     from rhytid_lab.commands.bench_skin import print_need, scaled_settings

@@ -8,9 +8,9 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
-from rhytid.cli.input_files import graph_file
-from rhytid.cli.progress import share_bar
+from rhytid.baking.input_files import graph_file
 from rhytid.cli.skin_options import density
+from rhytid.console import share_bar
 from rhytid.device.memory import machine_memory
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings

@@ -7,35 +7,32 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings, simplefilter
 
-from rhytid.cli.argument_types import readable
-from rhytid.cli.mesh_options import (
+from rhytid.cli.options import (
     FRAME_FILES,
     MESH_FILES,
     add_caches,
-    add_mesh,
-    add_unit,
-    cache_clip,
-)
-from rhytid.cli.options import (
-    Commands,
     add_device,
     add_json,
+    add_mesh,
     add_query,
     add_several,
     add_stiffness,
     add_strict,
-    new_command,
+    add_unit,
+    cache_clip,
+    local_settings,
+    readable,
 )
-from rhytid.cli.reporting import report, table, write_json
-from rhytid.cli.serve import chosen
+from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.skin_options import add_skin, skin_controls, skin_maps, skin_settings
+from rhytid.console import report, table, write_json
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import USUAL_UNIT, millimetres
 from rhytid.support.temporary_folders import temporary_folder
 from rhytid_lab.commands import check_client
 
 if TYPE_CHECKING:
-    from rhytid.cli.warned import Warned
+    from rhytid.baking.run_warnings import RunWarnings
     from rhytid_lab.commands.demo_session import Query, Session
 
 SUMMARY = "Run the service on a face and write EXR sequences, contact sheets and times."
@@ -82,17 +79,17 @@ def run(arguments: argparse.Namespace) -> None:
     """Serve, send and draw, then print figures and where the files are."""
     if arguments.frames and arguments.mesh is None:
         arguments.usage_error("--frames needs --mesh or NEUTRAL: the neutral face that they deform")
-    from rhytid.cli.warned import Warned
+    from rhytid.baking.run_warnings import RunWarnings
 
-    with Warned("demo", arguments.strict, arguments.allow) as warned:
+    with RunWarnings("demo", arguments.strict, arguments.allow) as warned:
         _run(arguments, warned)
 
 
-def _run(arguments: argparse.Namespace, warned: Warned) -> None:
+def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
     check_client()
     # Imported here, so that --help does not wait for OpenCL and the web framework.
-    from rhytid.cli.places import make_folder
-    from rhytid.cli.server import serving
+    from rhytid.api.server.http_server import serving
+    from rhytid.console import make_folder
     from rhytid_client import RhytidWarning
     from rhytid_lab.commands.demo_face import animation
     from rhytid_lab.commands.demo_session import FIGURES, Session, write_sheets
@@ -110,7 +107,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     if arguments.mesh is None:
         face.save(out / "face.npz")
     with temporary_folder("rhytid-demo-") as store:
-        service = chosen(store, arguments.device)
+        service = local_settings(store, arguments.device)
         with serving(service) as url, connected(url) as client, catch_warnings():
             simplefilter("ignore", RhytidWarning)  # the command prints them itself
             query: Query = {"stretch": arguments.stretch, "sampling": arguments.sampling}

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.cli.frame_files import FrameFiles
-from rhytid.cli.input_files import mesh_file, shape_files
+from rhytid.baking.frames import FrameFiles
+from rhytid.baking.input_files import mesh_file, shape_files
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.formats.frame_set import Clip

@@ -13,10 +13,9 @@ from typing import Any, TypedDict
 from numpy.typing import NDArray
 
 from rhytid import __version__
-from rhytid.cli.frame_files import FramePlace
-from rhytid.cli.progress import counted, share_bar
-from rhytid.cli.timing import Stopwatch
-from rhytid.cli.warned import Warned
+from rhytid.baking.frame_names import FramePlace
+from rhytid.baking.run_warnings import RunWarnings
+from rhytid.console import Stopwatch, counted, share_bar
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.notices import Notice
 from rhytid.domain.tiles import busiest_udim, triangles_inside, udim_origin
@@ -67,7 +66,7 @@ class Session:
         face: Animation,
         out: Path,
         query: Query,
-        warned: Warned,
+        warned: RunWarnings,
     ) -> None:
         self.client, self.face, self.out = client, face, out
         self.query, self.warned = query, warned
@@ -106,7 +105,7 @@ class Session:
         assert self.asset.statistics is not None
         resolved = AssetSettings.parse(self.asset.settings)
         self.warned.lengths(resolved, self.asset.statistics["distance"])
-        self.warned.notice(Notice(n.code, n.detail) for n in self.asset.notices)
+        self.warned.add_notices(Notice(n.code, n.detail) for n in self.asset.notices)
 
     def send_frames(self) -> None:
         """Send every frame, then calibrate from the one that stretches most."""

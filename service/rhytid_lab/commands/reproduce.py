@@ -6,11 +6,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.argument_types import readable
-from rhytid.cli.mesh_options import add_unit
-from rhytid.cli.options import Commands, add_device, add_json, new_command
-from rhytid.cli.progress import share_bar
-from rhytid.cli.reporting import report, table, write_json
+from rhytid.cli.options import add_device, add_json, add_unit, readable
+from rhytid.cli.parser import Commands, new_command
+from rhytid.console import report, share_bar, table, write_json
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import USUAL_UNIT, millimetres
 
@@ -51,7 +49,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Draw, time, measure, and write the page."""
     AssetSettings.parse({"resolution": arguments.resolution})
     # Imported here, so that --help needs no OpenCL.
-    from rhytid.cli.places import make_folder
+    from rhytid.console import make_folder
     from rhytid.engine.engine import open_device
     from rhytid.support.settings import ServiceSettings
     from rhytid_lab.bench.page import page

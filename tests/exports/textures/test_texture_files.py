@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from exports.textures.patches import all_triangles, curved, grid_mesh
 from exports.textures.reading import Texture, read_texture
-from rhytid.cli.bake_output import BakeSize, Output
+from rhytid.baking.output import BakeSize, Output
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError, QueryError
 from rhytid.exports.textures import PROFILE_NAMES, writers

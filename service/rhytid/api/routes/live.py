@@ -44,7 +44,7 @@ async def live(websocket: WebSocket, asset: AssetId) -> None:
 
 
 async def _accept(websocket: WebSocket, subprotocol: str | None, largest: int) -> None:
-    """As `websocket.accept`.  largest: bytes of a message, for `rhytid.cli.web_sockets`."""
+    """As `websocket.accept`.  largest: bytes of a message, for `rhytid.api.server.web_sockets`."""
     await websocket.receive()
     await websocket.send(
         {"type": "websocket.accept", "subprotocol": subprotocol, "headers": [], "largest": largest}

@@ -1,0 +1,1 @@
+"""The server below the application: sockets, and what uvicorn makes of connections."""

@@ -1,0 +1,102 @@
+"""A bake from its request to its summary."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from rhytid.baking.assets import build, fetch, naming_store, share, stored
+from rhytid.baking.baker import Baker
+from rhytid.baking.farm.dask_bake import DaskBake, check_cluster
+from rhytid.baking.farm.openjd_bundle import write_job
+from rhytid.baking.inputs import BakeInputs
+from rhytid.baking.request import BakeRequest, BakeSummary
+from rhytid.baking.run_warnings import RunWarnings
+from rhytid.console import Stopwatch, make_folder, note
+from rhytid.domain.wording import plural
+from rhytid.engine.engine import Engine
+from rhytid.support.atomic_files import sweep
+from rhytid.support.settings import ServiceSettings
+from rhytid.support.temporary_folders import temporary_folder
+
+
+def bake(request: BakeRequest, warnings: RunWarnings) -> BakeSummary:
+    """Bake the maps that are not baked yet, or write a job bundle, as the request asks.
+
+    Raises InputError, LimitError and SettingsError naming the file or the setting, ConflictError
+    where the asset cannot be built or used, NotFoundError where it is missing, StrictError where
+    warnings are errors, and FarmError where a cluster does not work.
+    """
+    inputs = BakeInputs.read(request, warnings)
+    if request.dask is not None:
+        check_cluster(request.dask)
+    make_folder(request.openjd or request.out)
+    if inputs.new is not None:
+        note(f"rhytid: {inputs.size(inputs.new.settings.resolution).text()}")
+    watch = Stopwatch()
+    with _service(request, watch) as service, closing(Engine(service)) as engine:
+        baker = _baker(request, engine, inputs, watch, warnings, service.store)
+        if request.query.method == "binned" and not inputs.range_fixed:
+            baker.calibrate()
+        run = _maps if request.openjd is None else write_job
+        summary = run(request, baker, inputs)
+        if inputs.new is not None:
+            share(engine, baker.asset.id)
+    return summary
+
+
+@contextmanager
+def _service(request: BakeRequest, watch: Stopwatch) -> Iterator[ServiceSettings]:
+    """The settings of the engine. Without a store the assets last as long as the block. An asset
+    that the request names is fetched from the shared store first."""
+    with temporary_folder("rhytid-") as folder:
+        service = replace(request.service, store=request.store or folder)
+        if request.asset is not None:
+            fetch(service, request.asset, watch)
+        yield replace(service, build_seconds=None)  # nobody else waits for it
+
+
+def _baker(
+    request: BakeRequest,
+    engine: Engine,
+    inputs: BakeInputs,
+    watch: Stopwatch,
+    warnings: RunWarnings,
+    store: Path,
+) -> Baker:
+    """A baker with the asset of the request, which is built or taken from the store."""
+    if inputs.new is not None:
+        with watch.step("build"):
+            asset = build(engine, inputs.new, warnings)
+    else:
+        assert request.asset is not None
+        with naming_store(store):
+            asset = stored(engine, request.asset, inputs.mesh, request.resolution)
+    output = inputs.output(request.out)
+    return Baker(
+        engine, asset, inputs.mesh, request.query, inputs.frames, output, watch, warnings,
+        inputs.geometry,
+    )  # fmt: skip
+
+
+def _maps(request: BakeRequest, baker: Baker, inputs: BakeInputs) -> BakeSummary:
+    """Write the maps, on this machine or on a cluster."""
+    sweep(request.out)
+    cluster = None if request.dask is None else DaskBake(request, inputs, baker)
+    (cluster or baker).run()
+    figures = {
+        "asset": baker.asset.id,
+        "out": str(request.out),
+        "written": baker.written,
+        "skipped": baker.skipped,
+        "bytes_at_most": asdict(inputs.size(baker.asset.settings["resolution"])),
+        "steps": baker.watch.figures(),
+        **baker.warnings.all_figures(),
+        **({} if cluster is None else {"cluster": asdict(cluster.figures)}),
+    }
+    what = plural(baker.written, "map" if request.geometry is None else "file")
+    done = f", {baker.skipped} already there" if baker.skipped else ""
+    text = f"{baker.watch.table()}\n{what} written to {request.out}{done}"
+    return BakeSummary(figures, text)

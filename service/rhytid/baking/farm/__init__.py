@@ -1,0 +1,1 @@
+"""Baking on many machines: job bundles of Open Job Description, and Dask clusters."""

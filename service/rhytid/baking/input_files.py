@@ -1,0 +1,117 @@
+"""Reads the files that a command line names. Every error names its file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.console import working
+from rhytid.domain.expressions import Expressions, evenly_spaced
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import ORIGIN, Centre, Mesh
+from rhytid.domain.painted_maps import Controls, Stiffness
+from rhytid.domain.tiles import mesh_udims
+from rhytid.errors import InputError, LimitError
+from rhytid.formats.caches import (
+    check_frame_file,
+    check_shape_file,
+    is_cache,
+    read_cache,
+    read_mesh_file,
+)
+from rhytid.formats.frame_set import Clip, FrameSet
+from rhytid.formats.frames import read_expressions, read_frame_file
+from rhytid.formats.graphs import read_graph
+from rhytid.formats.meshes import MeshFile
+from rhytid.formats.painted import read_controls, read_stiffness
+
+
+def mesh_file(file: Path, clip: Clip | None = None) -> MeshFile:
+    """Read a neutral mesh, with the frames and shapes that the file holds."""
+    with _named(file), working(f"reading {file.name}"):
+        found = read_mesh_file(file, clip)
+    make = found.animation
+    return found if make is None else replace(found, animation=lambda: _named_set(file, make))
+
+
+def frame_file(file: Path, vertices: int, centre: Centre = ORIGIN) -> NDArray[np.float32]:
+    """(N, V, 3) positions of the frames of one file, relative to the centre of their mesh."""
+    with _named(file):
+        return read_frame_file(file.read_bytes(), file.name, vertices, centre)
+
+
+def frame_set(
+    file: Path, vertices: int, centre: Centre = ORIGIN, clip: Clip | None = None
+) -> FrameSet:
+    """The frames of one file as a set. Those of a geometry cache are read when they are asked
+    for."""
+    with _named(file):
+        check_frame_file(file)
+    if not is_cache(file):
+        return FrameSet.of(frame_file(file, vertices, centre))
+    return _named_set(file, lambda: read_cache(file, vertices, centre, clip))
+
+
+def shape_files(place: Path | None, mesh: MeshFile, clip: Clip | None = None) -> Expressions | None:
+    """Read expressions from a file, or from the OBJ files of a folder by their names; without a
+    place, those of the mesh file."""
+    if place is None:
+        return mesh.expressions
+    vertices, centre = len(mesh.mesh.positions), mesh.mesh.centre
+    if not place.is_dir():
+        if is_cache(place):
+            return frame_set(place, vertices, centre, clip).expressions(vertices)
+        with _named(place):
+            check_shape_file(place)
+            return read_expressions(place.read_bytes(), place.name, vertices, centre)
+    every = sorted(f for f in place.iterdir() if f.suffix.lower() == ".obj" and f.is_file())
+    if not every:
+        raise InputError(f"{place} holds no OBJ files")
+    files = [every[i] for i in evenly_spaced(len(every))]
+    read = [frame_file(file, vertices, centre)[0] for file in files]
+    return Expressions.checked(np.stack(read), vertices, [file.stem for file in files])
+
+
+def graph_file(file: Path) -> WrinkleGraph:
+    """Read a wrinkle graph."""
+    with _named(file):
+        return read_graph(file.read_bytes())
+
+
+def stiffness_files(files: Sequence[Path], mesh: Mesh) -> Stiffness | None:
+    """Read stiffness maps; each name of a file holds a UDIM. None where there are no files."""
+    images = [(str(file), file.read_bytes()) for file in files]
+    return read_stiffness(images, mesh_udims(mesh)) if images else None
+
+
+def control_files(files: Mapping[str, Sequence[Path]], mesh: Mesh) -> Controls | None:
+    """Read control maps; each name of a file holds a UDIM.  files: by the name of the control. None
+    where there are no files."""
+    images = {
+        name: [(str(file), file.read_bytes()) for file in named] for name, named in files.items()
+    }
+    return read_controls(images, mesh_udims(mesh))
+
+
+def _named_set(file: Path, make: Callable[[], FrameSet]) -> FrameSet:
+    with _named(file):
+        frames = make()
+
+    def read(index: int) -> NDArray[np.float32]:
+        with _named(file):
+            return frames.read(index)
+
+    return replace(frames, read=read)
+
+
+@contextmanager
+def _named(file: Path) -> Iterator[None]:
+    try:
+        yield
+    except (InputError, LimitError) as error:
+        raise type(error)(f"{file}: {error}") from error

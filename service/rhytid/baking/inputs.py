@@ -1,0 +1,129 @@
+"""The files of a bake, read and checked before anything is built."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rhytid.baking.baker import Geometry
+from rhytid.baking.frame_names import FramePlace, FrameRange, check_file_name, frame_numbers
+from rhytid.baking.frames import FrameFiles, check_sources, read_frames_list
+from rhytid.baking.input_files import (
+    control_files,
+    graph_file,
+    mesh_file,
+    shape_files,
+    stiffness_files,
+)
+from rhytid.baking.output import BakeSize, Output
+from rhytid.baking.request import BakeRequest, SkinRequest
+from rhytid.baking.run_warnings import RunWarnings
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.settings_changes import settings_unused
+from rhytid.domain.tiles import mesh_udims
+from rhytid.engine.messages import NewAsset
+from rhytid.errors import InputError
+from rhytid.exports.textures.profiles import Profile
+from rhytid.formats.frame_set import Clip
+from rhytid.formats.meshes import MeshFile
+
+
+@dataclass(frozen=True)
+class BakeInputs:
+    """The contents of the files that a request names.
+
+    new: the asset to build; None where a built one is used.  part: the frames to bake; None for
+    all.  name: first part of the names of files.  range_fixed: whether the range of the precomputed
+    maps is given, by the settings or by the built asset.
+    """
+
+    mesh: Mesh
+    new: NewAsset | None
+    frames: FrameFiles
+    part: FrameRange | None
+    profiles: tuple[Profile, ...]
+    geometry: Geometry | None
+    name: str
+    range_fixed: bool
+
+    @classmethod
+    def read(cls, request: BakeRequest, warnings: RunWarnings) -> BakeInputs:
+        """Read and check all files, and print warnings. Raises InputError, LimitError and
+        SettingsError naming the file or the setting."""
+        skin = request.skin
+        given = {} if skin is None else dict(skin.settings)
+        AssetSettings.parse(given)
+        mesh = mesh_file(request.mesh, request.clip)
+        warnings.notes(mesh.notes)
+        frames, part = FrameFiles(mesh, _files(request), request.clip), request.part
+        check_sources(frames.places if part is None else part.select(frames.places))
+        new = None
+        if skin is not None:
+            if mesh.unit is not None:
+                given = {"unit": mesh.unit, **given}
+            settings = AssetSettings.parse(given)
+            name, unit = request.mesh.name, settings.length_unit
+            warnings.inputs(mesh.mesh, name, unit, settings.resolution, frames)
+            new = new_asset(skin, mesh, settings.named_after(name), request.clip, warnings)
+        geometry = None
+        if request.geometry is not None:
+            geometry = Geometry(mesh.mesh, request.geometry, request.subdivide)
+        fixed = new is None or "r_max" in given.get("bins", {})
+        name = request.name or _own_name(request.mesh)
+        return cls(mesh.mesh, new, frames, part, request.profiles, geometry, name, fixed)
+
+    @property
+    def numbers(self) -> FrameRange:
+        """The numbers of the frames to bake."""
+        return self.part or FrameRange.of(frame_numbers(self.frames.places))
+
+    def output(self, folder: Path) -> Output:
+        """The files of the maps, in a folder."""
+        return Output(folder, self.name, self.profiles, self.part)
+
+    def size(self, resolution: int) -> BakeSize:
+        """The largest size of the maps, at `resolution` texels per side."""
+        udims, frames = len(mesh_udims(self.mesh)), self.output(Path()).places(self.frames.places)
+        return BakeSize.of(self.profiles, resolution, udims, len(frames))
+
+
+def new_asset(
+    skin: SkinRequest,
+    mesh: MeshFile,
+    settings: AssetSettings,
+    clip: Clip,
+    warnings: RunWarnings,
+) -> NewAsset:
+    """The asset that a request asks for on a mesh.  settings: those of the request, parsed. Raises
+    InputError naming the file."""
+    graph = graph_file(skin.graph) if skin.graph else None
+    if graph is not None:
+        warnings.settings(settings_unused(settings))
+    return NewAsset(
+        mesh.mesh,
+        settings,
+        graph,
+        stiffness=stiffness_files(skin.stiffness, mesh.mesh),
+        controls=control_files(skin.maps, mesh.mesh),
+        force=skin.force,
+        shapes=shape_files(skin.shapes, mesh, clip),
+    )
+
+
+def _files(request: BakeRequest) -> Sequence[Path] | Sequence[FramePlace]:
+    """Files of frames, or the frames that a list names; empty where the request has neither."""
+    listing = request.frames_list
+    if request.frames or listing is None:
+        return request.frames
+    return read_frames_list(listing, request.frames_folder or listing.parent)
+
+
+def _own_name(mesh: Path) -> str:
+    """The name of the mesh file as first part of the names of files; raises InputError where it
+    cannot be."""
+    try:
+        return check_file_name(mesh.stem)
+    except InputError as error:
+        raise InputError(f"{error}; --name gives another") from error

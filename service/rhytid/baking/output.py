@@ -1,0 +1,221 @@
+"""The files of a bake: their names, their size, and a record of those that are done."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rhytid.baking.frame_names import FramePlace, FrameRange
+from rhytid.domain.wording import plural
+from rhytid.errors import StorageError
+from rhytid.exports.textures.frame_map import FrameMap
+from rhytid.exports.textures.profiles import PROFILES, Profile
+from rhytid.storage.manifest import StoredFile
+from rhytid.support.atomic_files import atomic_write, write_file
+from rhytid.support.build_identity import file_attributes
+
+_UNITS = ("bytes", "kB", "MB", "GB", "TB")
+FLOATS = (PROFILES["float"],)
+
+
+@dataclass(frozen=True)
+class Output:
+    """The files of a bake, in one folder.
+
+    name: first part of their names.  profiles: kinds of maps.  part: the frames that are baked;
+    None for all.
+    """
+
+    folder: Path
+    name: str
+    profiles: tuple[Profile, ...] = FLOATS
+    part: FrameRange | None = None
+
+    def file(self, profile: Profile, udim: int, frame: FramePlace) -> Path:
+        """The file of one map."""
+        return self.folder / profile.file_name(self.name, udim, frame.label)
+
+    def geometry_file(self, frame: FramePlace, format: str) -> Path:
+        """The file of one displaced surface."""
+        return self.folder / f"{self.name}.{frame.label}.{format}"
+
+    def names(
+        self, frames: Iterable[FramePlace], udims: Sequence[int], geometry: str | None = None
+    ) -> set[str]:
+        """Names of all files of some frames.  geometry: format of surfaces; None where there are
+        none."""
+        found = set()
+        for frame in frames:
+            found |= {self.file(one, udim, frame).name for one in self.profiles for udim in udims}
+            if geometry is not None:
+                found.add(self.geometry_file(frame, geometry).name)
+        return found
+
+    def places(self, all: Sequence[FramePlace]) -> Sequence[FramePlace]:
+        """The frames of this part.  all: those of the animation. Raises InputError naming numbers
+        that no frame has."""
+        return all if self.part is None else self.part.select(all)
+
+    def record(self, drawn_by: str) -> BakeRecord:
+        """The record of this part, which knows those of other parts, too.  drawn_by: names what
+        draws now."""
+        part = "" if self.part is None else f".{self.part.file_text()}"
+        own = self.folder / f"{self.name}.bake{part}.json"
+        others = [self.folder / f"{self.name}.bake.json"]
+        others += filter(self._concerns, self.folder.glob(f"{glob.escape(self.name)}.bake.*.json"))
+        return BakeRecord(own, others, drawn_by)
+
+    def drawn_by(self, now: str) -> set[str]:
+        """Names of what drew the maps of all parts.  now: what has drawn this one.
+
+        Each device leaves a small file with its name, so that a part need not read the records of
+        all others. Where there are several such files the records decide, since maps may have been
+        drawn anew.
+        """
+        name = glob.escape(self.name)
+        mark = (
+            self.folder / f"{self.name}.device.{hashlib.sha256(now.encode()).hexdigest()[:8]}.json"
+        )
+        _write_facts(mark, {"drawn_by": now})
+        marks = {*self.folder.glob(f"{name}.device.*.json")} - {mark}
+        if not marks:
+            return {now}
+        found = {now, *drawn_by(self.folder.glob(f"{name}.bake*.json"))}
+        if found == {now}:
+            for one in marks:
+                one.unlink(missing_ok=True)
+        return found
+
+    def _concerns(self, record: Path) -> bool:
+        """Whether the record of another part may hold frames of this one. A film may have thousands
+        of parts, of which each task reads few records."""
+        text = record.name.removeprefix(f"{self.name}.bake.").removesuffix(".json")
+        other = FrameRange.of_file_text(text)
+        if self.part is None or other is None:
+            return True
+        return not set(self.part.numbers).isdisjoint(other.numbers)
+
+    def describe(self, drawn: FrameMap) -> None:
+        """Write NAME.<PROFILE>.json, which readers of PNG files need, for each such profile. A file
+        that is up to date stays."""
+        for profile in self.profiles:
+            if profile.described:
+                facts = {
+                    **profile.all_facts(drawn),
+                    "files": profile.pattern(self.name),
+                    "unit": drawn.header.unit,
+                    "asset": drawn.header.asset,
+                    "colour_space": "raw",
+                    **file_attributes(),
+                }
+                _write_facts(self.folder / f"{self.name}.{profile.name}.json", facts)
+
+
+def _write_facts(file: Path, facts: Mapping[str, str | int | float]) -> None:
+    data = f"{json.dumps(facts, indent=1)}\n".encode()
+    if not (file.is_file() and file.read_bytes() == data):
+        with atomic_write(file) as aside:
+            write_file(aside, data)
+
+
+@dataclass(frozen=True)
+class BakeSize:
+    """Bytes of maps before compression.
+
+    frame: of one frame.  all: of all frames.  frames: how many there are.
+    """
+
+    frame: int
+    all: int
+    frames: int
+
+    @classmethod
+    def of(
+        cls, profiles: tuple[Profile, ...], resolution: int, udims: int, frames: int
+    ) -> BakeSize:
+        """The size of maps with `resolution` texels per side."""
+        texel = sum(profile.texel_bytes for profile in profiles)
+        frame = round(texel * resolution**2) * udims
+        return cls(frame, frame * frames, frames)
+
+    def text(self) -> str:
+        """The size as a line of text."""
+        return (
+            f"maps: up to {_bytes(self.frame)} per frame, {_bytes(self.all)} for "
+            f"{plural(self.frames, 'frame')}, before compression"
+        )
+
+
+def _bytes(count: float) -> str:
+    power = 0
+    while count >= 1000 and power < len(_UNITS) - 1:
+        count, power = count / 1000, power + 1
+    return f"{count:.3g} {_UNITS[power]}"
+
+
+class BakeRecord:
+    """The maps that a bake has written: for each the key of its inputs, and a hash of its bytes.
+
+    A map is done only while both hold. Other inputs, or a file that was damaged or removed, make it
+    due again. Each part of an animation has a record of its own, so that several can be baked into
+    one folder at once.
+
+    path: file of this record.  others: files of the records of other parts, which are only read.
+    drawn_by: names what draws now; two devices of other names draw other bits. Raises StorageError
+    where a record is damaged.
+    """
+
+    def __init__(self, path: Path, others: Iterable[Path] = (), drawn_by: str = "") -> None:
+        self._path, self._drawn_by = path, drawn_by
+        self._maps = _load(path)
+        self._found = [self._maps, *(_load(other) for other in others if other != path)]
+
+    def done(self, file: Path, key: str) -> bool:
+        """Whether `file` is there as it was written for `key`."""
+        entries = [entry for maps in self._found if (entry := maps.get(file.name)) is not None]
+        digests = {entry["sha256"] for entry in entries if entry["key"] == key}
+        return bool(digests) and file.is_file() and StoredFile.read(file).sha256 in digests
+
+    def add(self, file: Path, key: str) -> None:
+        """Record that `file` was written for `key`. The record is on the disk when this returns."""
+        digest = StoredFile.read(file).sha256
+        self._maps[file.name] = {"key": key, "sha256": digest, "drawn_by": self._drawn_by}
+        text = json.dumps({"maps": self._maps}, indent=1, sort_keys=True)
+        with atomic_write(self._path) as aside:
+            write_file(aside, f"{text}\n".encode())
+
+
+def drawn_by(records: Iterable[Path]) -> set[str]:
+    """Names of what drew the maps in these records. Where several records have a map, the latest
+    counts. Records of older releases, which name nothing, are left out."""
+    found: dict[str, str] = {}
+    for record in sorted(records, key=lambda path: path.stat().st_mtime_ns):
+        found |= {name: entry["drawn_by"] for name, entry in _load(record).items()}
+    return {name for name in found.values() if name}
+
+
+def _load(path: Path) -> dict[str, dict[str, str]]:
+    if not path.exists():
+        return {}
+    try:
+        return _checked(json.loads(path.read_bytes()))
+    except (ValueError, KeyError, TypeError) as exc:
+        raise StorageError(f"{path} is damaged: remove it to bake everything anew") from exc
+
+
+def _checked(stored: Any) -> dict[str, dict[str, str]]:
+    maps = stored["maps"].items() if isinstance(stored["maps"], dict) else None
+    if maps is None:
+        raise TypeError("maps is no object")
+    return {
+        str(name): {
+            **{k: str(entry[k]) for k in ("key", "sha256")},
+            "drawn_by": str(entry.get("drawn_by", "")),
+        }
+        for name, entry in maps
+    }

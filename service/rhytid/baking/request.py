@@ -1,0 +1,96 @@
+"""The request of a bake, and the summary of its result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rhytid.baking.frame_names import FrameRange
+from rhytid.engine.messages import MapQuery
+from rhytid.formats.frame_set import Clip
+from rhytid.support.settings import ServiceSettings
+
+if TYPE_CHECKING:
+    from rhytid.exports.textures.profiles import Profile
+
+# In place of the address of a Dask scheduler: processes on this machine.
+LOCAL = "local"
+# Frames per task of a job of a render farm.
+CHUNK = 10
+
+
+@dataclass(frozen=True)
+class SkinRequest:
+    """The skin of an asset that is built, and the files that it is made from.
+
+    settings: of the asset, as in JSON, not checked yet.  graph: file of a wrinkle graph; None grows
+    one.  stiffness: files of stiffness maps.  maps: files of control maps, by the name of the
+    control.  shapes: file or folder of expressions; None for those of the mesh file.  force:
+    whether a graph of another mesh is used.
+    """
+
+    settings: Mapping[str, Any]
+    graph: Path | None = None
+    stiffness: Sequence[Path] = ()
+    maps: Mapping[str, Sequence[Path]] = field(default_factory=dict)
+    shapes: Path | None = None
+    force: bool = False
+
+
+@dataclass(frozen=True)
+class BakeRequest:
+    """A bake: the mesh and its frames, the skin, the maps, and who draws them.
+
+    mesh: file of the neutral.  clip: which mesh and animation of a file are meant.  frames: files
+    of frames; without any, the mesh file has them.  frames_list: file of a list of frames, in place
+    of `frames`.  frames_folder: folder that names in the list are relative to; None for that of the
+    list.  part: frames to bake; None for all.
+
+    skin: the asset to build; None where the built asset with the id `asset` is used.  resolution:
+    texels per side of that one; None for its own.
+
+    out: folder of the maps.  name: first part of the names of files; None for that of the mesh.
+    profiles: kinds of maps.  query: how they are drawn.  geometry: format of displaced surfaces,
+    `glb` or `ply`; None for no surfaces.  subdivide: how often their triangles are cut in four.
+
+    service: settings of the engine.  store: folder of the assets; None for one that lasts as long
+    as the bake.  openjd: folder of a job bundle, which is written in place of maps.  dask: address
+    of a Dask scheduler whose workers bake, or LOCAL.  dask_workers: processes of LOCAL; None for as
+    many as fit.  chunk: frames per task of `openjd` or `dask`; None for the usual number.
+
+    strict, allow: which warnings are errors on other machines.
+    """
+
+    mesh: Path
+    out: Path
+    profiles: tuple[Profile, ...]
+    query: MapQuery
+    service: ServiceSettings
+    skin: SkinRequest | None = None
+    asset: str | None = None
+    resolution: int | None = None
+    store: Path | None = None
+    clip: Clip = field(default_factory=Clip)
+    frames: Sequence[Path] = ()
+    frames_list: Path | None = None
+    frames_folder: Path | None = None
+    part: FrameRange | None = None
+    name: str | None = None
+    geometry: str | None = None
+    subdivide: int = 2
+    openjd: Path | None = None
+    dask: str | None = None
+    dask_workers: int | None = None
+    chunk: int | None = None
+    strict: bool = False
+    allow: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class BakeSummary:
+    """The result of a bake.  figures: for JSON.  text: for people."""
+
+    figures: dict[str, Any]
+    text: str

@@ -1,0 +1,153 @@
+"""Warnings of one run of a command: each is a line on stderr at once, and the last line counts
+them."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import asdict, replace
+
+from tqdm import tqdm  # type: ignore[import-untyped]
+
+from rhytid.baking.frames import FrameFiles
+from rhytid.console import counted, note
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.mesh_warnings import FrameCheck, mesh_warnings
+from rhytid.domain.notices import Notice, spacing_of_count
+from rhytid.domain.warnings import (
+    DEVICES_MIXED,
+    SETTINGS_CHANGED,
+    SETTINGS_UNUSED,
+    InputWarning,
+    not_allowed,
+)
+from rhytid.domain.wording import plural
+from rhytid.errors import StrictError
+
+# Lines printed per code: for a long shot in the wrong unit three frames are enough.
+_LINES = 3
+
+
+class RunWarnings:
+    """The warnings and notices of one run of a command, within `with`.
+
+    strict: whether warnings are errors.  allow: codes that are no errors even so.  found, notices:
+    what there was.
+    """
+
+    def __init__(self, command: str, strict: bool, allow: Collection[str] = ()) -> None:
+        self._command, self._strict, self._allow = command, strict, allow
+        self.found: list[InputWarning] = []
+        self.notices: list[Notice] = []
+
+    def __enter__(self) -> RunWarnings:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        """Print the count, also where the run failed, since a warning may be the reason. The
+        warnings themselves are far above by then."""
+        if kind is not StrictError:
+            self.summarize()
+
+    def inputs(
+        self, mesh: Mesh, name: str, unit: str, resolution: int, frames: FrameFiles | None = None
+    ) -> None:
+        """Warn of a mesh from the file `name`, before anything is made of it.
+
+        Where warnings are errors, all frames are read and checked, too; else each is checked when
+        it is used. Raises StrictError.
+        """
+        found = mesh_warnings(mesh, unit, resolution)
+        self.add(replace(warning, where=f"{name}, {warning.where}") for warning in found)
+        if self._strict and frames is not None:
+            check = FrameCheck(mesh, unit)
+            for place in counted(frames.places, "checking", "frame"):
+                self.add(check.warnings(frames.read(place), f"frame {place.name}"))
+        self.refuse()
+
+    def settings(self, warnings: Iterable[InputWarning]) -> None:
+        """Warn of settings. Other warnings of an asset are left out: `inputs` and `frame` print
+        those of meshes and frames. Raises StrictError."""
+        self.add(w for w in warnings if w.code in (SETTINGS_CHANGED, SETTINGS_UNUSED))
+        self.refuse()
+
+    def frame(self, warnings: Iterable[InputWarning], name: str) -> None:
+        """Warn of a frame that is used now. Raises StrictError."""
+        self.add(replace(warning, where=f"frame {name}") for warning in warnings)
+        self.refuse()
+
+    def drawn_by(self, names: Collection[str]) -> None:
+        """Warn where several devices drew the maps of one bake, as `Output.drawn_by` names them.
+        Raises StrictError."""
+        if len(names) > 1:
+            listed = " and ".join(sorted(names))
+            detail = f"maps were drawn by {listed}, whose last bits differ"
+            self.add([InputWarning(DEVICES_MIXED, detail, "the bake")])
+            self.refuse()
+
+    def add(self, warnings: Iterable[InputWarning]) -> None:
+        """Add warnings, and print the first few new ones of each code."""
+        for warning in warnings:
+            if warning not in self.found:
+                self.found.append(warning)
+                if sum(w.code == warning.code for w in self.found) <= _LINES:
+                    allowed = "allowed " if warning.code in self._allow else ""
+                    self._print(f"{allowed}warning: {warning}")
+
+    def add_notices(self, notices: Iterable[Notice]) -> None:
+        """Add and print notices, which `strict` does not refuse."""
+        for notice in notices:
+            self.notices.append(notice)
+            self.note(str(notice))
+
+    def notes(self, lines: Iterable[str]) -> None:
+        """Print notes of a file."""
+        for line in lines:
+            self.note(line)
+
+    def lengths(self, settings: AssetSettings, distance: float) -> None:
+        """Print the lengths that follow from a number of wrinkles, if the settings give one.
+        settings: resolved.  distance: mean distance from a pore to the nearest one, mesh units."""
+        if settings.graph.wrinkles is not None:
+            self.note(spacing_of_count(settings, distance))
+
+    def note(self, line: str) -> None:
+        """Print one line as a notice. Prints nothing where quiet."""
+        note(f"rhytid {self._command}: notice: {line}")
+
+    def summarize(self) -> None:
+        """Print how many warnings there were, and of which codes some were not printed."""
+        counts = Counter(warning.code for warning in self.found)
+        many = [f"{_LINES} of {n} {code}" for code, n in counts.items() if n > _LINES]
+        listed = f"listed above ({', '.join(many)})" if many else "listed above"
+        if counts:
+            let = sum(warning.code in self._allow for warning in self.found)
+            allowed = f", {let} of them allowed" if let else ""
+            message = f"{_count(self.found)}{allowed}, {listed}"
+            self._print(f"{message}; `rhytid warnings CODE` says what to do")
+
+    def figures(self) -> list[dict[str, str]]:
+        """The warnings, for JSON."""
+        return [asdict(warning) for warning in self.found]
+
+    def all_figures(self) -> dict[str, list[dict[str, str]]]:
+        """The warnings and notices, for JSON."""
+        return {"warnings": self.figures(), "notices": [asdict(n) for n in self.notices]}
+
+    def refuse(self) -> None:
+        """Raise StrictError where warnings are errors and one is not allowed."""
+        wrong = not_allowed(self.found, self._allow) if self._strict else ()
+        if wrong:
+            codes = " ".join(f"--allow {code}" for code in dict.fromkeys(w.code for w in wrong))
+            message = f"--strict: {_count(wrong)}, so nothing was done ({codes} would allow that)"
+            raise StrictError(message, wrong)
+
+    def _print(self, line: str) -> None:
+        # Beside a bar that is being drawn, too.
+        tqdm.write(f"rhytid {self._command}: {line}", file=sys.stderr)
+
+
+def _count(warnings: Sequence[InputWarning]) -> str:
+    return plural(len(warnings), "warning")

@@ -1,0 +1,100 @@
+"""An engine that draws nothing: what baking is tested over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.engine.job import Job
+from rhytid.engine.messages import AssetInfo, FrameInfo, JobInfo, MapQuery, TilePlan
+from rhytid.formats.tile_header import TileHeader
+
+ASSET = AssetInfo(
+    id="a" * 16,
+    state="ready",
+    job=None,
+    reason=None,
+    settings=AssetSettings.parse({"resolution": 256, "tile_size": 256}).as_json(),
+    udims=(1001, 1002),
+    levels=9,
+    vertices=4,
+    triangles=2,
+    pores=2,
+    wrinkles=1,
+)
+SIDE = 4
+
+
+class FakeEngine:
+    """Maps are full of a frame's first number; `drawn` lists them, `revision` is in every key."""
+
+    def __init__(self) -> None:
+        self.held: dict[str, NDArray[Any]] = {}
+        self.drawn: list[tuple[str, int]] = []
+        self.digests: list[str] = []
+        self.calibrated: list[float] = []
+        self.revision = 0
+        self.failing_after: int | None = None
+        self.calibration = Job(JobInfo("c", ASSET.id, "calibration", "queued", 0.0, "", ""))
+        self.assets, self.frames = FakeAssets(self), FakeFrames(self)
+        self.tiles, self.jobs = FakeTiles(self), FakeJobs(self)
+
+
+@dataclass
+class Part:
+    """Some calls of an engine."""
+
+    engine: FakeEngine
+
+
+class FakeAssets(Part):
+    def calibrate(self, asset: str, positions: Any) -> JobInfo:
+        self.engine.calibrated.append(float(positions[0, 0]))
+        return self.engine.calibration.info
+
+
+class FakeFrames(Part):
+    def put(self, asset: str, frame: str, positions: Any) -> FrameInfo:
+        assert asset == ASSET.id
+        self.engine.held[frame] = positions
+        return FrameInfo(frame, {"abs_p90": float(positions[0, 0])})
+
+    def digest(self, asset: str, frame: str) -> str:
+        self.engine.digests.append(frame)
+        return f"{float(self.engine.held[frame][0, 0]):032.3f}"
+
+    def delete(self, asset: str, frame: str) -> None:
+        del self.engine.held[frame]
+
+
+class FakeJobs(Part):
+    def get(self, job: str) -> Job:
+        self.engine.calibration.update(state="done", progress=1.0)
+        return self.engine.calibration
+
+
+class FakeTiles(Part):
+    @property
+    def drawn_by(self) -> str:
+        return f"a device, drawing {self.engine.revision}"
+
+    def triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
+        return np.zeros((SIDE, SIDE), np.int32)
+
+    def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
+        engine, value = self.engine, self.engine.held[frame][0, 0]
+        drawn = (query.method, query.stretch, query.sampling)
+
+        def draw() -> NDArray[np.float32]:
+            if engine.failing_after is not None and len(engine.drawn) == engine.failing_after:
+                raise KeyboardInterrupt
+            engine.drawn.append((frame, udim))
+            return np.full((SIDE, SIDE), value, np.float32)
+
+        key = f"{engine.revision}/{value}/{'/'.join(drawn)}/{udim}/{level}"
+        header = TileHeader("cm", frame, asset, *drawn, udim, level, 0, 0, 1.0)
+        return TilePlan(key, header, SIDE, draw)

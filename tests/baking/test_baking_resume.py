@@ -1,0 +1,229 @@
+"""A bake goes on where it was, and only there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from baking.fake_engine import ASSET, FakeEngine
+from rhytid.baking.baker import Baker
+from rhytid.baking.frame_names import FrameRange
+from rhytid.baking.frames import FrameFiles
+from rhytid.baking.output import BakeRecord, Output
+from rhytid.baking.run_warnings import RunWarnings
+from rhytid.console import Stopwatch
+from rhytid.domain.mesh import Mesh
+from rhytid.engine.messages import MapQuery
+from rhytid.errors import StorageError, StrictError
+from rhytid.exports.textures.profiles import profiles_of
+from rhytid.formats.exr import read_exr
+from rhytid.formats.meshes import MeshFile
+
+SQUARE = Mesh(
+    positions=[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]],
+    faces=[[0, 1, 2], [0, 2, 3]],
+    uv=[[0.1, 0.1], [0.9, 0.1], [0.9, 0.9], [0.1, 0.9]],
+    face_uv=[[0, 1, 2], [0, 2, 3]],
+)
+
+QUERY = ("method", "stretch", "sampling")
+
+
+def baker(engine: FakeEngine, folder: Path, values: list[float], **changes: Any) -> Baker:
+    """A baker of frames full of one value each."""
+    frames = np.stack([np.full((4, 3), value, np.float32) for value in values])
+    part = FrameRange.parse(changes["part"]) if "part" in changes else None
+    output = Output(folder, "face", profiles_of(changes.get("profiles", ["float"])), part)
+    query = MapQuery(**{key: changes[key] for key in QUERY if key in changes})
+    files = FrameFiles(MeshFile(SQUARE, frames), [])
+    return Baker(
+        cast("Any", engine),
+        ASSET,
+        SQUARE,
+        query,
+        files,
+        output,
+        Stopwatch(),
+        RunWarnings("bake", False),
+    )
+
+
+def bake(engine: FakeEngine, folder: Path, values: list[float], **changes: Any) -> Baker:
+    folder.mkdir(exist_ok=True)
+    baking = baker(engine, folder, values, **changes)
+    baking.run()
+    return baking
+
+
+def maps(folder: Path) -> list[str]:
+    return sorted(file.name for file in folder.glob("*.exr"))
+
+
+@pytest.fixture
+def engine() -> FakeEngine:
+    return FakeEngine()
+
+
+def test_every_frame_of_every_udim_is_written(engine: FakeEngine, tmp_path: Path) -> None:
+    done = bake(engine, tmp_path, [0.5, 0.25])
+
+    names = ["face.1001.0001", "face.1001.0002", "face.1002.0001", "face.1002.0002"]
+    assert maps(tmp_path) == [f"{name}.exr" for name in names]
+    assert (done.written, done.skipped) == (4, 0)
+    texels, header = read_exr(tmp_path / "face.1002.0002.exr")
+    assert texels.dtype == np.float32
+    assert (texels == 0.25).all()
+    assert (header["frame"], header["udim"], header["method"]) == ("0002", 1002, "redraw")
+
+
+def test_no_frame_stays_in_the_engine(engine: FakeEngine, tmp_path: Path) -> None:
+    bake(engine, tmp_path, [1.0, 2.0])
+
+    assert engine.held == {}
+
+
+def test_what_is_done_is_skipped(engine: FakeEngine, tmp_path: Path) -> None:
+    bake(engine, tmp_path, [1.0, 2.0])
+    engine.drawn.clear()
+
+    again = bake(engine, tmp_path, [1.0, 2.0])
+
+    assert (again.written, again.skipped, engine.drawn) == (0, 4, [])
+
+
+def test_an_interrupted_bake_goes_on(engine: FakeEngine, tmp_path: Path) -> None:
+    engine.failing_after = 3
+    with pytest.raises(KeyboardInterrupt):
+        bake(engine, tmp_path, [1.0, 2.0])
+    assert len(maps(tmp_path)) == 3
+    engine.failing_after = None
+    engine.drawn.clear()
+
+    rest = bake(engine, tmp_path, [1.0, 2.0])
+
+    assert engine.drawn == [("0002", 1002)]
+    assert (rest.written, rest.skipped) == (1, 3)
+
+
+def test_frames_have_no_digest_where_no_profile_is_made_of_positions(
+    engine: FakeEngine, tmp_path: Path
+) -> None:
+    bake(engine, tmp_path, [1.0, 2.0])
+
+    assert engine.digests == []
+    assert [p.posed for p in profiles_of(["float", "normal-dx", "weights"])] == [False, True, True]
+
+
+def test_another_frame_is_drawn_again(engine: FakeEngine, tmp_path: Path) -> None:
+    bake(engine, tmp_path, [1.0, 2.0])
+    engine.drawn.clear()
+
+    bake(engine, tmp_path, [1.0, 3.0])
+
+    assert engine.drawn == [("0002", 1001), ("0002", 1002)]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"method": "neutral"}, {"stretch": "uv"}, {"sampling": "smooth"}, {"profiles": ["half"]}],
+)
+def test_other_options_are_drawn_again(
+    change: dict[str, Any], engine: FakeEngine, tmp_path: Path
+) -> None:
+    bake(engine, tmp_path, [1.0])
+
+    assert bake(engine, tmp_path, [1.0], **change).written == 2
+
+
+def test_another_asset_is_drawn_again(engine: FakeEngine, tmp_path: Path) -> None:
+    bake(engine, tmp_path, [1.0])
+    engine.revision += 1
+
+    assert bake(engine, tmp_path, [1.0]).written == 2
+
+
+@pytest.mark.parametrize("damage", ["removed", "cut", "changed"])
+def test_a_damaged_file_is_drawn_again(damage: str, engine: FakeEngine, tmp_path: Path) -> None:
+    bake(engine, tmp_path, [1.0, 2.0])
+    file = tmp_path / "face.1001.0002.exr"
+    whole = file.read_bytes()
+    if damage == "removed":
+        file.unlink()
+    else:
+        file.write_bytes(whole[:-1] if damage == "cut" else whole[:-1] + bytes([whole[-1] ^ 1]))
+    engine.drawn.clear()
+
+    bake(engine, tmp_path, [1.0, 2.0])
+
+    assert engine.drawn == [("0002", 1001)]
+    assert file.read_bytes() == whole
+
+
+def test_half_floats(engine: FakeEngine, tmp_path: Path) -> None:
+    bake(engine, tmp_path, [0.5], profiles=["half"])
+
+    assert read_exr(tmp_path / "face.1001.0001.exr")[0].dtype == np.float16
+
+
+def test_calibration_takes_the_frame_that_stretches_most(
+    engine: FakeEngine, tmp_path: Path
+) -> None:
+    baker(engine, tmp_path, [0.1, 0.3, 0.2], method="binned").calibrate()
+
+    assert engine.calibrated == [np.float32(0.3)]
+    assert engine.held == {}
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "{", "[]", "{}", '{"maps": []}', '{"maps": {"a": {"key": "k"}}}', '{"maps": {"a": 1}}'],
+)
+def test_a_damaged_record_is_told(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "face.bake.json"
+    file.write_text(text)
+
+    with pytest.raises(StorageError, match=r"face\.bake\.json is damaged: remove it"):
+        BakeRecord(file)
+
+
+def test_nothing_else_is_left_behind(engine: FakeEngine, tmp_path: Path) -> None:
+    bake(engine, tmp_path, [1.0])
+
+    left = sorted(file.name for file in tmp_path.iterdir() if file.suffix != ".exr")
+    assert len(left) == 2
+    assert left[0] == "face.bake.json"
+    assert re.fullmatch(r"face\.device\.[0-9a-f]{8}\.json", left[1])
+
+
+def mixed(done: Baker) -> list[str]:
+    return [one.code for one in done.warnings.found]
+
+
+def test_parts_that_two_devices_draw_are_told(engine: FakeEngine, tmp_path: Path) -> None:
+    values = [0.5, 0.25]
+    assert mixed(bake(engine, tmp_path, values, part="1")) == []
+    engine.revision = 1
+    assert mixed(bake(engine, tmp_path, values, part="2")) == ["devices-mixed"]
+
+
+def test_what_is_drawn_anew_by_one_device_is_not_mixed(engine: FakeEngine, tmp_path: Path) -> None:
+    values = [0.5, 0.25]
+    bake(engine, tmp_path, values)
+    engine.revision = 1
+    assert mixed(bake(engine, tmp_path, values, part="1")) == ["devices-mixed"]
+    assert mixed(bake(engine, tmp_path, values, part="2")) == []
+    assert mixed(bake(engine, tmp_path, values)) == []
+    assert len([*tmp_path.glob("face.device.*.json")]) == 1
+
+
+def test_mixed_devices_are_an_error_where_strict(engine: FakeEngine, tmp_path: Path) -> None:
+    bake(engine, tmp_path, [0.5, 0.25], part="1")
+    engine.revision = 1
+    second = baker(engine, tmp_path, [0.5, 0.25], part="2")
+    second.warnings = RunWarnings("bake", True)
+    with pytest.raises(StrictError, match="devices-mixed"):
+        second.run()
