@@ -57,7 +57,7 @@ def test_options_of_a_fleet_go_together(
 def test_a_fleet_without_ray_names_the_extra(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delitem(sys.modules, "rhytid.fleet.local_fleet", raising=False)
+    monkeypatch.delitem(sys.modules, "rhytid.fleet.app", raising=False)
     monkeypatch.setitem(sys.modules, "ray", None)
     assert main(["serve", "--store", str(tmp_path / "store"), "--ray"]) == 1
     said = capsys.readouterr().err

@@ -14,7 +14,7 @@ from pipeline.scenes import sheet
 from rhytid.engine.engine import Engine
 from rhytid.errors import SharedStoreError
 from rhytid.storage.shared.shared_store import SharedStore
-from storage.places import new_folder
+from storage.backends import new_folder
 
 # No asset of these tests is so small.
 LITTLE = 1000

@@ -18,8 +18,7 @@ from rhytid.access.api_key import READ, new_key
 from rhytid.access.key_file import write_keys
 from rhytid.api.request_memory import LAST
 from rhytid.errors import AccessError, DeviceError, SettingsError
-from rhytid.fleet.app import application, asking, deployment, ingress_app
-from rhytid.fleet.local_fleet import local_fleet
+from rhytid.fleet.app import application, asking, deployment, ingress_app, local_fleet
 from rhytid.fleet.options import FleetOptions
 from rhytid.settings import ServiceSettings
 

@@ -15,7 +15,7 @@ import pytest
 
 from engine.engines import new_asset, running
 from engine_process.served import await_value
-from fleet.test_fleet_residents import Content, Engine, Frames
+from fleet.test_fleet_loaded import Content, Engine, Frames
 from rhytid.engine.engine import Engine as RealEngine
 from rhytid.engine_process.requests import Request
 from rhytid.errors import NotFoundError, SharedDamageError, StorageError
@@ -23,9 +23,9 @@ from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.fleet_assets import FleetAssets
 from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.frame_versions import FrameVersions
-from rhytid.fleet.job_names import JobNames
+from rhytid.fleet.jobs import JobNames
+from rhytid.fleet.loaded_assets import LoadedAssets
 from rhytid.fleet.replica_assets import ReplicaAssets
-from rhytid.fleet.residents import Residents
 from rhytid.fleet.shared_folder import SharedFolder
 
 MOST = 64
@@ -43,7 +43,7 @@ class Fleet:
     def __init__(self, shared: SharedFolder) -> None:
         self.engine, frames = Engine(), Frames()
         parts: Any = (self.engine, shared, frames)
-        self.residents = Residents(*parts, MOST, "me", lambda asset: None, lambda info: info)
+        self.residents = LoadedAssets(*parts, MOST, "me", lambda asset: None, lambda info: info)
         self._shared = shared
 
     def call(self, request: Any, prepare: Any = None) -> Any:

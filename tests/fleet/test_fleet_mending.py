@@ -19,7 +19,7 @@ from rhytid.errors import CancelledError, DiskFullError, SharedDamageError
 from rhytid.fleet.fleet_assets import FleetAssets
 from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.frame_versions import FrameVersions
-from rhytid.fleet.job_names import JobNames
+from rhytid.fleet.jobs import JobNames
 from rhytid.fleet.replica_assets import ReplicaAssets
 from rhytid.fleet.shared_folder import SharedFolder
 

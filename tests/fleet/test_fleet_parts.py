@@ -19,16 +19,16 @@ from rhytid.engine.messages import JobInfo
 from rhytid.engine.worker import drawn_live, is_live
 from rhytid.engine_process.requests import Request
 from rhytid.errors import NotFoundError, SettingsError, StorageError
-from rhytid.fleet.board import Board
 from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.envelopes import Answer, ElsewhereError, Envelope, packed
+from rhytid.fleet.frame_registry import FrameRegistry
 from rhytid.fleet.frame_versions import FrameVersions
-from rhytid.fleet.job_names import JobName, JobNames, ReplicaNames
+from rhytid.fleet.jobs import JobName, JobNames, ReplicaNames
 from rhytid.fleet.kept_uploads import read_upload, written_upload
 from rhytid.fleet.local_place import LocalPlace
 from rhytid.fleet.options import FleetOptions
-from rhytid.fleet.order import order
 from rhytid.fleet.replica import EngineReplica
+from rhytid.fleet.router import replica_order
 
 ASSET = "0123456789abcdef"
 NAMES = [f"replica{number}" for number in range(10)]
@@ -36,16 +36,16 @@ NAMES = [f"replica{number}" for number in range(10)]
 
 def test_an_asset_stays_where_it_is_when_another_replica_goes() -> None:
     assets = [f"{number:016x}" for number in range(2000)]
-    before = {asset: order(asset, NAMES)[0] for asset in assets}
-    after = {asset: order(asset, NAMES[1:])[0] for asset in assets}
+    before = {asset: replica_order(asset, NAMES)[0] for asset in assets}
+    after = {asset: replica_order(asset, NAMES[1:])[0] for asset in assets}
     moved = [asset for asset in assets if before[asset] != after[asset]]
     assert set(moved) == {asset for asset in assets if before[asset] == NAMES[0]}
     assert max(Counter(before.values()).values()) < 1.4 * len(assets) / len(NAMES)
 
 
 def test_the_second_replica_is_the_first_of_those_that_are_left() -> None:
-    first, second, *_ = order(ASSET, NAMES)
-    assert order(ASSET, [name for name in NAMES if name != first])[0] == second
+    first, second, *_ = replica_order(ASSET, NAMES)
+    assert replica_order(ASSET, [name for name in NAMES if name != first])[0] == second
 
 
 def test_the_id_of_a_job_names_its_replica() -> None:
@@ -76,7 +76,7 @@ def test_an_id_of_a_job_that_the_fleet_has_not_made_is_none(change: tuple[str, s
 def test_the_board_keeps_frames_under_its_budget() -> None:
     async def use() -> None:
         positions = np.ones((10, 3), np.float32)
-        board, limit = Board(), 2 * positions.nbytes
+        board, limit = FrameRegistry(), 2 * positions.nbytes
 
         async def keep(name: str, values: Any) -> int:
             return (await board.keep(ASSET, name, values, limit)).version
@@ -107,8 +107,8 @@ def test_the_board_keeps_frames_under_its_budget() -> None:
 
 def test_a_board_that_starts_again_has_larger_versions() -> None:
     async def use() -> None:
-        before = await Board().remove(ASSET, "a")
-        assert await Board().remove(ASSET, "a", before) > before
+        before = await FrameRegistry().remove(ASSET, "a")
+        assert await FrameRegistry().remove(ASSET, "a", before) > before
 
     asyncio.run(use())
 

@@ -31,12 +31,11 @@ from engine_process.served import await_value
 from fleet.replicas import replica_of, replicas, sent_to
 from live.speaker import speaking
 from rhytid.errors import DeviceLostError
-from rhytid.fleet.app import REPLICAS, deployment
-from rhytid.fleet.local_fleet import NAME
+from rhytid.fleet.app import NAME, REPLICAS, deployment
 from rhytid.fleet.options import FleetOptions
-from rhytid.fleet.order import order
 from rhytid.fleet.ray_engine import RayEngine
-from rhytid.fleet.remote_board import NAMESPACE, RemoteBoard
+from rhytid.fleet.remote_registry import NAMESPACE, RemoteFrameRegistry
+from rhytid.fleet.router import replica_order
 from rhytid.settings import ServiceSettings
 
 pytestmark = pytest.mark.slow
@@ -79,10 +78,10 @@ def test_tiles_are_those_of_the_single_server(
 def test_assets_are_spread_over_the_replicas(fleet: Any, assets: list[str]) -> None:
     names = replicas(fleet)
     assert len(names) == 2
-    assert {order(asset, names)[0] for asset in assets} <= set(names)
+    assert {replica_order(asset, names)[0] for asset in assets} <= set(names)
     for asset in assets:
         job = fleet.assets.calibrate(asset, smile())
-        assert replica_of(job.id) == order(asset, names)[0]
+        assert replica_of(job.id) == replica_order(asset, names)[0]
 
 
 def test_the_other_replica_draws_the_same(fleet: Any, client: httpx.Client) -> None:
@@ -90,7 +89,7 @@ def test_the_other_replica_draws_the_same(fleet: Any, client: httpx.Client) -> N
     asset = built(client, upload(obj(1.07)))
     frame = f"/v1/assets/{asset}/frames/smile"
     client.put(frame, content=npy(smile()), headers=NPY).raise_for_status()
-    other = order(asset, replicas(fleet))[1]
+    other = replica_order(asset, replicas(fleet))[1]
 
     def drawn() -> tuple[bytes, bytes]:
         first = tile(client, asset)
@@ -150,7 +149,7 @@ def test_no_request_is_lost_with_a_replica(fleet: Any, client: httpx.Client) -> 
         client.put(frame, content=npy(smile()), headers=NPY).raise_for_status()
     wanted = {frame: client.get(f"{frame}/{TILE}").raise_for_status().content for frame in frames}
     names = replicas(fleet)
-    victim = order(assets[0], names)[0]
+    victim = replica_order(assets[0], names)[0]
     stopping, answers = threading.Event(), []
 
     def ask(frame: str) -> None:
@@ -199,10 +198,10 @@ def test_frames_survive_the_board_and_then_a_replica(fleet: Any, client: httpx.C
         client.put(frame, content=positions, headers=NPY).raise_for_status()
     wanted = {frame: client.get(f"{frame}/{TILE}").raise_for_status().content for frame in frames}
     kill_board(NAME)
-    board = RemoteBoard(NAME)
+    board = RemoteFrameRegistry(NAME)
     for asset in assets:
         await_value(lambda asset=asset: set(versions_of(board, asset)) == {"f0", "f1", "f2", "f3"})
-    os.kill(names[order(assets[0], names)[0]], signal.SIGKILL)
+    os.kill(names[replica_order(assets[0], names)[0]], signal.SIGKILL)
     answers = {frame: client.get(f"{frame}/{TILE}") for frame in frames}
     assert {answer.status_code for answer in answers.values()} == {200}
     assert {frame: answer.content for frame, answer in answers.items()} == wanted
@@ -211,7 +210,7 @@ def test_frames_survive_the_board_and_then_a_replica(fleet: Any, client: httpx.C
 
 def test_frames_survive_another_number_of_replicas(fleet: Any, tmp_path: Path) -> None:
     """`serve deploy` of other options starts every deployment of the application again."""
-    settings, board = replace(ServiceSettings(), store=tmp_path), RemoteBoard("again")
+    settings, board = replace(ServiceSettings(), store=tmp_path), RemoteFrameRegistry("again")
 
     def deployed(count: int) -> FleetOptions:
         local = tmp_path / "local"
@@ -240,7 +239,7 @@ def test_frames_survive_another_number_of_replicas(fleet: Any, tmp_path: Path) -
 
 
 def test_a_board_that_nobody_asks_ends_and_another_is_started(fleet: Any) -> None:
-    board = RemoteBoard("left", left=3.0)
+    board = RemoteFrameRegistry("left", left=3.0)
     life = board.news("", 0).life
 
     def has_ended() -> bool:
@@ -261,7 +260,7 @@ def kill_board(application: str) -> None:
     os.kill(ray.get(actor.__ray_call__.remote(lambda board: os.getpid())), signal.SIGKILL)
 
 
-def versions_of(board: RemoteBoard, asset: str) -> dict[str, int]:
+def versions_of(board: RemoteFrameRegistry, asset: str) -> dict[str, int]:
     with suppress(DeviceLostError):  # it starts
         return board.versions(asset)
     return {}

@@ -10,8 +10,7 @@ from api.test_fake_engine import CALLS, PARTS, shape_of
 from engine_process.test_remote_signatures import REMOTE
 from rhytid.engine.engine import Engine
 from rhytid.engine.snapshots import SnapshotService
-from rhytid.fleet.fleet_assets import FleetAssets
-from rhytid.fleet.fleet_snapshots import FleetSnapshots
+from rhytid.fleet.fleet_assets import FleetAssets, FleetSnapshots
 from rhytid.fleet.ray_engine import RayEngine
 
 OURS = {**REMOTE, "assets": FleetAssets}

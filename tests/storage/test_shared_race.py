@@ -15,7 +15,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import NotFoundError, SharedDamageError, SharedStoreError
 from rhytid.storage import AssetStore
-from rhytid.storage.shared.folder_place import FolderPlace
+from rhytid.storage.shared.folder_backend import FolderBackend
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
 
@@ -24,7 +24,7 @@ MANIFEST = f"manifests/{ID}.json"
 EXTRA = {"spacing": 0.5, "distance": 0.5, "uv_length": 10.0, "warnings": []}
 
 
-class Watched(FolderPlace):
+class Watched(FolderBackend):
     """A place that does something else once, before the nth call of a method with such a name."""
 
     def __init__(self, folder: Path) -> None:

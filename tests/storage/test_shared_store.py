@@ -23,7 +23,7 @@ from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
 from rhytid.storage.snapshots import Snapshot
 from storage import shared_writer
-from storage.places import new_folder
+from storage.backends import new_folder
 
 ID = "00112233aabbccdd"
 EXTRA = {"spacing": 0.5, "distance": 0.5, "uv_length": 10.0, "warnings": []}

@@ -46,7 +46,7 @@ def fleet_of(
     check_settings(settings)
     options = FleetOptions.read({"store": settings.store, "replicas": arguments.replicas or "1"})
     try:
-        from rhytid.fleet.local_fleet import local_fleet
+        from rhytid.fleet.app import local_fleet
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] == "rhytid":
             raise

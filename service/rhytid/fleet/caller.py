@@ -21,7 +21,7 @@ from rhytid.engine_process.requests import Request
 from rhytid.errors import BusyError, CancelledError, DeviceLostError
 from rhytid.fleet.envelopes import Answer, ElsewhereError, Envelope, packed
 from rhytid.fleet.frame_versions import FrameVersions
-from rhytid.fleet.job_names import JobNames
+from rhytid.fleet.jobs import JobNames
 from rhytid.logs import request_id
 from rhytid.storage.homes import checked_id
 

@@ -20,13 +20,11 @@ from rhytid.engine_process.requests import Request
 from rhytid.engine_process.upload_holds import UploadHolds
 from rhytid.errors import BusyError, DeviceLostError
 from rhytid.fleet.caller import FleetCaller
-from rhytid.fleet.fleet_assets import FleetAssets
-from rhytid.fleet.fleet_snapshots import FleetSnapshots
+from rhytid.fleet.fleet_assets import FleetAssets, FleetSnapshots
 from rhytid.fleet.frame_versions import FrameVersions
-from rhytid.fleet.job_names import JobNames
+from rhytid.fleet.jobs import JobNames
 from rhytid.fleet.options import FleetOptions
-from rhytid.fleet.presence import Presence
-from rhytid.fleet.remote_board import RemoteBoard
+from rhytid.fleet.remote_registry import RemoteFrameRegistry, ReplicaReports
 from rhytid.fleet.shared_folder import SharedFolder
 from rhytid.settings import ServiceSettings
 
@@ -40,11 +38,15 @@ class RayEngine:
     """
 
     def __init__(
-        self, settings: ServiceSettings, options: FleetOptions, replicas: Any, board: RemoteBoard
+        self,
+        settings: ServiceSettings,
+        options: FleetOptions,
+        replicas: Any,
+        board: RemoteFrameRegistry,
     ) -> None:
         host_memory = settings.host_memory or usual_host_memory()
         self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
-        self._presence = Presence(board)
+        self._presence = ReplicaReports(board)
         versions = FrameVersions()
         shared = SharedFolder(options.store / "shared")
         names = JobNames(shared.job_key())

@@ -23,13 +23,13 @@ from rhytid.engine.worker import drawn_live
 from rhytid.engine_process.found_devices import found_devices, named_devices, settings_of
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import DeviceLostError, RhytidError
-from rhytid.fleet.board import Report
 from rhytid.fleet.envelopes import Answer, ElsewhereError, Envelope
+from rhytid.fleet.frame_registry import Report
 from rhytid.fleet.frame_sync import FrameSync
-from rhytid.fleet.job_names import JobNames
+from rhytid.fleet.jobs import JobNames
 from rhytid.fleet.local_place import LocalPlace
 from rhytid.fleet.options import FleetOptions
-from rhytid.fleet.remote_board import RemoteBoard
+from rhytid.fleet.remote_registry import RemoteFrameRegistry
 from rhytid.fleet.replica_assets import ReplicaAssets
 from rhytid.fleet.replica_calls import ReplicaCalls
 from rhytid.fleet.shared_folder import SharedFolder
@@ -52,7 +52,7 @@ class EngineReplica:
         self._place = LocalPlace(options.local)
         own = replace(_of_device(settings, self._place.number), store=self._place.store)
         self._engine = RemoteEngine(own)
-        self._board = RemoteBoard(context.app_name, limit)
+        self._board = RemoteFrameRegistry(context.app_name, limit)
         frames = FrameSync(self._engine.frames, self._board)
         shared = SharedFolder(options.store / "shared")
         shared.sweep()

@@ -19,10 +19,9 @@ from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset, Package
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import NotFoundError
 from rhytid.fleet.frame_sync import FrameSync
-from rhytid.fleet.job_names import JobNames, ReplicaNames
-from rhytid.fleet.job_watch import JobWatch
+from rhytid.fleet.jobs import JobNames, JobWatch, ReplicaNames
 from rhytid.fleet.kept_uploads import read_upload, written_upload
-from rhytid.fleet.residents import Residents
+from rhytid.fleet.loaded_assets import LoadedAssets
 from rhytid.fleet.shared_folder import SharedFolder
 
 
@@ -45,7 +44,9 @@ class ReplicaAssets:
         self._frames, self._replica = frames, replica
         self._jobs = JobWatch(engine.jobs.info)
         seen = ReplicaNames(names, replica, engine.jobs.info)
-        self.residents = Residents(engine, shared, frames, most, replica, self._resume, seen.asset)
+        self.residents = LoadedAssets(
+            engine, shared, frames, most, replica, self._resume, seen.asset
+        )
 
     def close(self) -> None:
         """Watch jobs no more."""

@@ -15,7 +15,7 @@ from rhytid.engine_process.job_ledger import resumed
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.fleet.envelopes import Envelope
 from rhytid.fleet.frame_sync import FrameSync
-from rhytid.fleet.job_names import JobName, JobNames, ReplicaNames
+from rhytid.fleet.jobs import JobName, JobNames, ReplicaNames
 from rhytid.fleet.replica_assets import ReplicaAssets
 
 # Calls of parts of the engine, as they are.

@@ -29,13 +29,14 @@ from rhytid.errors import (
     NotFoundError,
     SharedDamageError,
     SharedStoreError,
+    SnapshotError,
     StorageError,
 )
-from rhytid.storage.homes import checked_id
+from rhytid.storage.canonical import check_format, parse_hashed
+from rhytid.storage.homes import ID, checked_id
 from rhytid.storage.manifest import StoredFile
-from rhytid.storage.shared.manifests import SharedManifests, manifest_name
-from rhytid.storage.shared.place import OBJECT, OBJECTS, Place, damaged, place_of
-from rhytid.storage.snapshot_index import SnapshotIndex
+from rhytid.storage.shared.backend import MANIFESTS, OBJECT, OBJECTS, Backend, backend_of, damaged
+from rhytid.storage.snapshot_index import FORMAT, LONGEST_INDEX, SnapshotIndex
 from rhytid.storage.snapshots import Snapshot, sealed
 
 # Called with the share of the work that is done and the file that comes next; may raise to end it.
@@ -45,6 +46,7 @@ Report = Callable[[float, str], None]
 _TRIES, _ROUNDS = 3, 10
 # The object that names how servers draw, and its bytes at most.
 _DRAWING, _LONGEST_DRAWING = "drawing", 200
+_SUFFIX = ".json"
 # Seconds between two looks at it.
 _LOOK = 60.0
 _log = logging.getLogger(__name__)
@@ -60,15 +62,15 @@ class SharedStore:
     Methods raise SharedStoreError where the place cannot be used.
     """
 
-    def __init__(self, place: Place) -> None:
-        self._place, self._manifests = place, SharedManifests(place)
+    def __init__(self, place: Backend) -> None:
+        self._place, self._manifests = place, _Manifests(place)
         self._claimed = False
         self._seen, self._look_at = drawing_version(), 0.0
 
     @classmethod
     def at(cls, text: str) -> SharedStore:
-        """At the place that an option names; raises what `place_of` does."""
-        return cls(place_of(text))
+        """At the place that an option names; raises what `backend_of` does."""
+        return cls(backend_of(text))
 
     def __str__(self) -> str:
         return str(self._place)
@@ -164,7 +166,7 @@ class SharedStore:
         for _ in range(_ROUNDS):
             known = self._remove(id) or known
             # One that was written meanwhile names objects that were removed after it.
-            if self._place.size(manifest_name(id)) is None:
+            if self._place.size(_manifest_name(id)) is None:
                 break
         else:
             raise SharedStoreError(f"asset {id} is being pushed to {self}")
@@ -269,6 +271,51 @@ class SharedStore:
             raise damaged(self, name, "it does not have the SHA-256 that names it")
 
 
+class _Manifests:
+    """The manifests: of each asset the index of its snapshot. One is replaced as a whole."""
+
+    def __init__(self, place: Backend) -> None:
+        self._place = place
+
+    def ids(self) -> list[str]:
+        """Ids of the assets that have one, ascending."""
+        found = self._place.names(MANIFESTS)
+        ids = (name.removesuffix(_SUFFIX) for name in found if name.endswith(_SUFFIX))
+        return [id for id in ids if ID.fullmatch(id)]
+
+    def read(self, id: str) -> bytes | None:
+        """Its bytes, of which nothing is checked but their number; None where there is none."""
+        return self._place.read(_manifest_name(id), LONGEST_INDEX)
+
+    def decode(self, id: str, data: bytes) -> SnapshotIndex:
+        """What the bytes say; raises SharedDamageError, and StoreFormatError where a newer version
+        of rhytid wrote them."""
+        self.check_version(id, data)
+        try:
+            index = SnapshotIndex.decode(data)
+        except SnapshotError as exc:
+            raise damaged(self._place, _manifest_name(id), str(exc)) from exc
+        if index.asset != id:
+            raise damaged(self._place, _manifest_name(id), f"it is of asset {index.asset}")
+        return index
+
+    def check_version(self, id: str, data: bytes) -> None:
+        """Raise StoreFormatError where a newer version of rhytid wrote these bytes."""
+        path = Path(f"{self._place}/{_manifest_name(id)}")
+        value = None
+        with suppress(StorageError):  # a damaged one is of no version
+            value = parse_hashed(data, path)
+        check_format(value, FORMAT, path)
+
+    def write(self, index: SnapshotIndex) -> None:
+        """Write that of an asset, in place of the one that is there."""
+        self._place.write(_manifest_name(index.asset), index.encode())
+
+    def remove(self, id: str) -> bool:
+        """Remove that of an asset; whether there was one."""
+        return self._place.remove(_manifest_name(id))
+
+
 def _untold(share: float, file: str) -> None:
     """A report to nobody, which does not end the work."""
 
@@ -279,3 +326,8 @@ def _object_folder(id: str) -> str:
 
 def _object(id: str, file: StoredFile) -> str:
     return f"{_object_folder(id)}/{file.sha256}"
+
+
+def _manifest_name(id: str) -> str:
+    """The name of the manifest of an asset."""
+    return f"{MANIFESTS}/{checked_id(id)}{_SUFFIX}"

@@ -1,4 +1,4 @@
-"""A bucket of an object store that speaks S3, as the place of a shared store."""
+"""A bucket of an object store that speaks S3, as the backend of a shared store."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rhytid import stopping
 from rhytid.domain.wording import install_hint
 from rhytid.durable import sync_file
 from rhytid.errors import InputError, SharedStoreError
-from rhytid.storage.shared.place import SHARED_STORE, reached, too_large
+from rhytid.storage.shared.backend import SHARED_STORE, reached, too_large
 
 # Seconds to connect, and without a byte: of what is small, for which callers wait, and of the rest.
 _CONNECT, _QUICK, _SILENT = 3, 5, 20
@@ -22,7 +22,7 @@ _PART, _AT_ONCE = 16 << 20, 2
 _MARKER = 1 << 16
 
 
-class ObjectPlace:
+class BucketBackend:
     """Objects of a bucket, below a prefix, by fsspec and s3fs.
 
     An object is visible once all of it was sent. Keys, region and endpoint are those that other
@@ -39,13 +39,13 @@ class ObjectPlace:
         return self._url
 
     def check(self) -> None:
-        """As `Place.check`."""
+        """As `Backend.check`."""
         with reached(f"{self} cannot be read"):
             # Asks for one object: a prefix may hold many.
             self._small.call_s3("list_objects_v2", Bucket=self._bucket, MaxKeys=1)
 
     def claim(self) -> None:
-        """As `Place.claim`."""
+        """As `Backend.claim`."""
         data = self.read(SHARED_STORE.marker, _MARKER)
         if data is not None:
             SHARED_STORE.reads(data, self)
@@ -54,13 +54,13 @@ class ObjectPlace:
             self.write(SHARED_STORE.marker, SHARED_STORE.text())
 
     def size(self, name: str) -> int | None:
-        """As `Place.size`."""
+        """As `Backend.size`."""
         with reached(f"{self._path(name)} cannot be read"), suppress(FileNotFoundError):
             return int(self._small.info(self._path(name), refresh=True)["size"])
         return None
 
     def read(self, name: str, most: int) -> bytes | None:
-        """As `Place.read`."""
+        """As `Backend.read`."""
         if (size := self.size(name) or 0) > most:
             raise too_large(self, name, size, most)
         with reached(f"{self._path(name)} cannot be read"), suppress(FileNotFoundError):
@@ -68,7 +68,7 @@ class ObjectPlace:
         return None
 
     def fetch(self, name: str, to: Path) -> bool:
-        """As `Place.fetch`."""
+        """As `Backend.fetch`."""
         with reached(f"{self._path(name)} cannot be fetched"):
             try:
                 self._files.get_file(self._path(name), str(to), callback=_asking())
@@ -78,12 +78,12 @@ class ObjectPlace:
         return True
 
     def write(self, name: str, data: bytes) -> None:
-        """As `Place.write`."""
+        """As `Backend.write`."""
         with reached(f"{self._path(name)} cannot be written"):
             self._files.pipe_file(self._path(name), data)
 
     def send(self, name: str, source: Path) -> None:
-        """As `Place.send`."""
+        """As `Backend.send`."""
         with reached(f"{self._path(name)} cannot be written"):
             self._files.put_file(
                 str(source),
@@ -94,14 +94,14 @@ class ObjectPlace:
             )
 
     def names(self, folder: str) -> list[str]:
-        """As `Place.names`."""
+        """As `Backend.names`."""
         with reached(f"{self._path(folder)} cannot be listed"), suppress(FileNotFoundError):
             found = self._small.ls(self._path(folder), detail=False, refresh=True)
             return sorted(str(path).rpartition("/")[2] for path in found)
         return []
 
     def remove(self, name: str) -> bool:
-        """As `Place.remove`."""
+        """As `Backend.remove`."""
         known = self.size(name) is not None
         with reached(f"{self._path(name)} cannot be removed"), suppress(FileNotFoundError):
             self._files.rm_file(self._path(name))

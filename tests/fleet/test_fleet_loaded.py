@@ -12,7 +12,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.messages import AssetInfo
 from rhytid.errors import NotFoundError, SharedDamageError, SnapshotError
 from rhytid.fleet.envelopes import ElsewhereError
-from rhytid.fleet.residents import Residents
+from rhytid.fleet.loaded_assets import LoadedAssets
 from rhytid.fleet.shared_folder import SharedFolder
 
 ASSETS = [f"{number:016x}" for number in range(4)]
@@ -87,8 +87,8 @@ def frames() -> Any:
 
 
 @pytest.fixture
-def residents(engine: Any, shared: SharedFolder, frames: Any, resumed: list[str]) -> Residents:
-    return Residents(engine, shared, frames, 2, "me", resumed.append, lambda info: info)
+def residents(engine: Any, shared: SharedFolder, frames: Any, resumed: list[str]) -> LoadedAssets:
+    return LoadedAssets(engine, shared, frames, 2, "me", resumed.append, lambda info: info)
 
 
 def share(shared: SharedFolder, asset: str, word: str = "") -> None:
@@ -96,14 +96,14 @@ def share(shared: SharedFolder, asset: str, word: str = "") -> None:
     shared.put_snapshot(asset, content)
 
 
-def use(residents: Residents, *assets: str) -> None:
+def use(residents: LoadedAssets, *assets: str) -> None:
     for asset in assets:
         with residents.using(asset):
             pass
 
 
 def test_an_asset_is_loaded_once(
-    residents: Residents, shared: SharedFolder, engine: Engine
+    residents: LoadedAssets, shared: SharedFolder, engine: Engine
 ) -> None:
     share(shared, ASSETS[0])
     use(residents, ASSETS[0], ASSETS[0])
@@ -111,7 +111,7 @@ def test_an_asset_is_loaded_once(
 
 
 def test_the_least_recently_used_leaves(
-    residents: Residents, shared: SharedFolder, engine: Engine
+    residents: LoadedAssets, shared: SharedFolder, engine: Engine
 ) -> None:
     a, b, c, d = ASSETS
     for asset in ASSETS:
@@ -128,7 +128,7 @@ def test_the_least_recently_used_leaves(
 
 
 def test_an_asset_with_frames_that_no_board_has_stays(
-    residents: Residents, shared: SharedFolder, engine: Engine, frames: Any
+    residents: LoadedAssets, shared: SharedFolder, engine: Engine, frames: Any
 ) -> None:
     a, b, c, d = ASSETS
     for asset in ASSETS:
@@ -142,7 +142,7 @@ def test_an_asset_with_frames_that_no_board_has_stays(
 
 
 def test_settings_and_snapshots_are_those_of_now(
-    residents: Residents, shared: SharedFolder, engine: Engine
+    residents: LoadedAssets, shared: SharedFolder, engine: Engine
 ) -> None:
     asset = ASSETS[0]
     share(shared, asset)
@@ -158,7 +158,7 @@ def test_settings_and_snapshots_are_those_of_now(
 
 
 def test_another_snapshot_waits_until_nobody_uses_the_old_one(
-    residents: Residents, shared: SharedFolder, engine: Engine
+    residents: LoadedAssets, shared: SharedFolder, engine: Engine
 ) -> None:
     asset = ASSETS[0]
     share(shared, asset)
@@ -175,7 +175,7 @@ def test_another_snapshot_waits_until_nobody_uses_the_old_one(
 
 
 def test_what_was_removed_elsewhere_goes(
-    residents: Residents, shared: SharedFolder, engine: Engine
+    residents: LoadedAssets, shared: SharedFolder, engine: Engine
 ) -> None:
     asset = ASSETS[0]
     share(shared, asset)
@@ -187,7 +187,7 @@ def test_what_was_removed_elsewhere_goes(
 
 
 def test_a_build_belongs_to_one_replica_while_it_is_there(
-    residents: Residents, shared: SharedFolder, resumed: list[str]
+    residents: LoadedAssets, shared: SharedFolder, resumed: list[str]
 ) -> None:
     asset = ASSETS[0]
     shared.put_upload(asset, "other", [b"sent"])
@@ -203,7 +203,7 @@ def test_a_build_belongs_to_one_replica_while_it_is_there(
 
 
 def test_a_damaged_snapshot_is_a_fault_of_the_store(
-    residents: Residents,
+    residents: LoadedAssets,
     shared: SharedFolder,
     engine: Engine,
     tmp_path: Path,
@@ -228,7 +228,7 @@ def test_a_damaged_snapshot_is_a_fault_of_the_store(
 
 
 def test_an_error_of_the_engine_leaves_nothing_held(
-    residents: Residents, shared: SharedFolder
+    residents: LoadedAssets, shared: SharedFolder
 ) -> None:
     share(shared, ASSETS[0])
     with pytest.raises(NotFoundError), residents.using(ASSETS[0]):

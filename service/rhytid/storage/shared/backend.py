@@ -27,7 +27,7 @@ _SCHEME = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+://")
 _BUCKET = re.compile(r"s3://[a-z0-9][a-z0-9.-]{1,61}[a-z0-9](?:/[^/]+)*/?")
 
 
-class Place(Protocol):
+class Backend(Protocol):
     """Named bytes that several machines reach.
 
     A name is a path with slashes. What is written under a name is there whole or not at all, and
@@ -65,20 +65,20 @@ class Place(Protocol):
         """Remove an object, if it is there; whether it was."""
 
 
-def place_of(text: str) -> Place:
+def backend_of(text: str) -> Backend:
     """The place that an option names: the path of a folder, or s3://BUCKET/PREFIX.
 
     Raises InputError where it is neither, or the extra that it needs is missing.
     """
     if not _SCHEME.match(text):
-        from rhytid.storage.shared.folder_place import FolderPlace
+        from rhytid.storage.shared.folder_backend import FolderBackend
 
-        return FolderPlace(Path(text))
+        return FolderBackend(Path(text))
     if not _BUCKET.fullmatch(text):
         raise InputError(f"shared store {text!r}: must be a folder, or like s3://bucket/prefix")
-    from rhytid.storage.shared.object_place import ObjectPlace
+    from rhytid.storage.shared.bucket_backend import BucketBackend
 
-    return ObjectPlace(text)
+    return BucketBackend(text)
 
 
 def damaged(place: object, name: str, why: str) -> SharedDamageError:

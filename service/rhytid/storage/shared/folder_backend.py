@@ -1,4 +1,4 @@
-"""A folder that several machines mount, as the place of a shared store."""
+"""A folder that several machines mount, as the backend of a shared store."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from rhytid.owned import (
     restrict_folder,
 )
 from rhytid.storage.homes import ID
-from rhytid.storage.shared.place import (
+from rhytid.storage.shared.backend import (
     MANIFESTS,
     OBJECT,
     OBJECTS,
@@ -44,7 +44,7 @@ _PIECE = 1 << 20
 _MANIFEST = re.compile(ID.pattern + r"\.json", re.ASCII)
 
 
-class FolderPlace:
+class FolderBackend:
     """Objects as files below a folder, written aside in its `partial` and renamed.
 
     What is made there is for its owner alone; where the group of the folder may write into it, for
@@ -65,7 +65,7 @@ class FolderPlace:
         return str(self._folder)
 
     def check(self) -> None:
-        """As `Place.check`; removes what writers that ended long ago left behind."""
+        """As `Backend.check`; removes what writers that ended long ago left behind."""
         with reached(f"shared store {self} cannot be read"):
             self.claim()
             group = has_group(self._folder)
@@ -76,7 +76,7 @@ class FolderPlace:
             durable.sweep_partial(self._partial, at_once=False)
 
     def claim(self) -> None:
-        """As `Place.claim`; raises InputError where something in the way is not ours."""
+        """As `Backend.claim`; raises InputError where something in the way is not ours."""
         with reached(f"shared store {self} cannot be read"), _refused(self):
             if self._claimed and is_real_folder(self._partial):
                 return
@@ -87,15 +87,15 @@ class FolderPlace:
                     self._claimed = True
 
     def size(self, name: str) -> int | None:
-        """As `Place.size`."""
+        """As `Backend.size`."""
         return self._found(name, _plain_size)
 
     def read(self, name: str, most: int) -> bytes | None:
-        """As `Place.read`."""
+        """As `Backend.read`."""
         return self._found(name, lambda path: self._bounded(name, path, most))
 
     def fetch(self, name: str, to: Path) -> bool:
-        """As `Place.fetch`."""
+        """As `Backend.fetch`."""
         if self._found(name, lambda path: _copy_plain(path, to)) is None:
             return False
         with reached(f"{to} cannot be written"):
@@ -103,20 +103,20 @@ class FolderPlace:
         return True
 
     def write(self, name: str, data: bytes) -> None:
-        """As `Place.write`."""
+        """As `Backend.write`."""
         self._install(name, lambda aside: write_file(aside, data))
 
     def send(self, name: str, source: Path) -> None:
-        """As `Place.send`."""
+        """As `Backend.send`."""
         self._install(name, partial(copy_file, source))
 
     def names(self, folder: str) -> list[str]:
-        """As `Place.names`."""
+        """As `Backend.names`."""
         found = self._found(folder, lambda path: sorted(file.name for file in path.iterdir()))
         return found or []
 
     def remove(self, name: str) -> bool:
-        """As `Place.remove`, and its folder, where that is empty then."""
+        """As `Backend.remove`, and its folder, where that is empty then."""
         path, known = self._folder / name, False
         with reached(f"{path} cannot be removed"):
             with suppress(FileNotFoundError):
@@ -172,7 +172,7 @@ class FolderPlace:
 
 
 @contextmanager
-def _refused(place: FolderPlace) -> Iterator[None]:
+def _refused(place: FolderBackend) -> Iterator[None]:
     """What is not ours in a place was named by the user."""
     try:
         yield

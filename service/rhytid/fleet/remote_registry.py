@@ -1,4 +1,4 @@
-"""The board, asked from a thread of an ingress or a replica."""
+"""The registry, asked from a thread of an ingress or a replica."""
 
 from __future__ import annotations
 
@@ -14,21 +14,23 @@ import ray
 from ray.exceptions import ActorDiedError, RayError
 
 from rhytid.errors import DeviceLostError
-from rhytid.fleet.board import Board, News, Positions, Report, Stamp
-from rhytid.fleet.removals import Removed
+from rhytid.fleet.frame_registry import PRESENT, FrameRegistry, News, Positions, Report, Stamp
+from rhytid.fleet.frame_versions import Removed
 
 # Seconds for an answer.
 PATIENCE = 10.0
-# Seconds after which a board ends that nobody asks any more: its fleet is gone.
+# Seconds after which a registry ends that nobody asks any more: its fleet is gone.
 LEFT = 600.0
-# Of the names of boards. The number is that of the calls of `Board`: an update of a fleet keeps its
-# board where both versions of this package have the same.
+# Of the names of registries. The number is that of the calls of `FrameRegistry`: an update of a
+# fleet keeps its registry where both versions of this package have the same.
 NAMESPACE = "rhytid-1"
+# Seconds between two times that the registry is asked.
+LOOK = 1.0
 _log = logging.getLogger(__name__)
 
 
-class BoardActor(Board):
-    """A board in a process of its own, which ends when nobody has asked it for long.
+class FrameRegistryActor(FrameRegistry):
+    """A registry in a process of its own, which ends when nobody has asked it for long.
 
     left: seconds.
     """
@@ -39,12 +41,12 @@ class BoardActor(Board):
         threading.Thread(target=self._end_when_left, name="rhytid-left", daemon=True).start()
 
     async def reports(self) -> list[Report]:
-        """As of `Board`; every ingress asks once a second."""
+        """As of `FrameRegistry`; every ingress asks once a second."""
         self._asked = time.monotonic()
         return await super().reports()
 
     async def report(self, report: Report) -> None:
-        """As of `Board`; every replica reports."""
+        """As of `FrameRegistry`; every replica reports."""
         self._asked = time.monotonic()
         await super().report(report)
 
@@ -55,15 +57,15 @@ class BoardActor(Board):
         ray.kill(ray.get_runtime_context().current_actor)
 
 
-class RemoteBoard:
-    """The calls of `Board`; each raises DeviceLostError where it does not answer.
+class RemoteFrameRegistry:
+    """The calls of `FrameRegistry`; each raises DeviceLostError where it does not answer.
 
-    The board is an actor of its own: a deployment of Ray Serve would be started again with every
+    The registry is an actor of its own: a deployment of Ray Serve would be started again with every
     change of the application, and frames would be lost. Who asks first starts it; where its process
     ends, Ray starts it again.
 
-    application: of Ray Serve, whose board it is.  limit: bytes of positions of all frames.
-    left: seconds as of `BoardActor`, of a board that is started.
+    application: of Ray Serve, whose registry it is.  limit: bytes of positions of all frames.
+    left: seconds as of `FrameRegistryActor`, of a registry that is started.
     """
 
     def __init__(self, application: str, limit: int = 0, left: float = LEFT) -> None:
@@ -72,60 +74,60 @@ class RemoteBoard:
         self._known: Any = None
 
     def keep(self, asset: str, name: str, positions: Positions, after: int) -> Stamp:
-        """As of `Board`."""
+        """As of `FrameRegistry`."""
         found: Stamp = self._ask("keep", asset, name, positions, self._limit, after)
         return found
 
     def give(self, asset: str, name: str, version: int, positions: Positions) -> str:
-        """As of `Board`."""
+        """As of `FrameRegistry`."""
         found: str = self._ask("give", asset, name, version, positions, self._limit)
         return found
 
     def missing(self, asset: str, versions: Mapping[str, int]) -> list[str]:
-        """As of `Board`."""
+        """As of `FrameRegistry`."""
         found: list[str] = self._ask("missing", asset, versions)
         return found
 
     def remove(self, asset: str, name: str, after: int) -> int:
-        """As of `Board`."""
+        """As of `FrameRegistry`."""
         found: int = self._ask("remove", asset, name, after)
         return found
 
     def forget(self, asset: str, after: int) -> int:
-        """As of `Board`."""
+        """As of `FrameRegistry`."""
         found: int = self._ask("forget", asset, after)
         return found
 
     def remember(self, removed: Removed) -> None:
-        """As of `Board`."""
+        """As of `FrameRegistry`."""
         self._ask("remember", removed)
 
     def news(self, life: str, count: int) -> News:
-        """As of `Board`."""
+        """As of `FrameRegistry`."""
         found: News = self._ask("news", life, count)
         return found
 
     def versions(self, asset: str, names: Collection[str] | None = None) -> dict[str, int]:
-        """As of `Board`."""
+        """As of `FrameRegistry`."""
         found: dict[str, int] = self._ask("versions", asset, names)
         return found
 
     def frame(self, asset: str, name: str) -> tuple[Stamp, Positions | None]:
-        """As of `Board`."""
+        """As of `FrameRegistry`."""
         found: tuple[Stamp, Positions | None] = self._ask("frame", asset, name)
         return found
 
     def report(self, report: Report) -> None:
-        """As of `Board`."""
+        """As of `FrameRegistry`."""
         self._ask("report", report)
 
     def reports(self) -> list[Report]:
-        """As of `Board`."""
+        """As of `FrameRegistry`."""
         found: list[Report] = self._ask("reports")
         return found
 
     def end(self) -> None:
-        """End the board, and lose what it has: the fleet ends."""
+        """End the registry, and lose what it has: the fleet ends."""
         with suppress(ValueError, RayError):  # there is none
             ray.kill(ray.get_actor(self._application, namespace=NAMESPACE))
 
@@ -141,17 +143,17 @@ class RemoteBoard:
             raise DeviceLostError("the board of the fleet does not answer; try later") from error
 
     def _asked(self, name: str, arguments: tuple[Any, ...]) -> Any:
-        answer = getattr(self._board(), name).remote(*arguments)
+        answer = getattr(self._registry(), name).remote(*arguments)
         try:
             return answer.future().result(PATIENCE)
         except (TimeoutError, FutureTimeout):
             ray.cancel(answer)
             raise
 
-    def _board(self) -> Any:
+    def _registry(self) -> Any:
         with self._lock:
             if self._known is None:
-                actor: Any = ray.remote(BoardActor)
+                actor: Any = ray.remote(FrameRegistryActor)
                 made = actor.options(
                     name=self._application,
                     namespace=NAMESPACE,
@@ -162,3 +164,37 @@ class RemoteBoard:
                 )
                 self._known = made.remote(self._left)
             return self._known
+
+
+class ReplicaReports:
+    """Asks the registry again and again, so that nobody has to wait for it: figures are read where
+    nothing may block."""
+
+    def __init__(self, registry: RemoteFrameRegistry) -> None:
+        self._registry = registry
+        self._closing = threading.Event()
+        self._heard: tuple[float, list[Report]] = (0.0, [])
+        self._thread = threading.Thread(target=self._run, name="rhytid-presence", daemon=True)
+        self._thread.start()
+
+    @property
+    def reports(self) -> list[Report]:
+        """Of the replicas that are there; none where the registry has not answered for long."""
+        at, reports = self._heard
+        return reports if time.monotonic() - at < PRESENT else []
+
+    def look(self) -> list[Report]:
+        """As `reports`, asked for now; what was heard before where the registry does not answer."""
+        with suppress(DeviceLostError):
+            self._heard = (time.monotonic(), self._registry.reports())
+        return self.reports
+
+    def close(self) -> None:
+        """Ask no more."""
+        self._closing.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            self.look()
+            self._closing.wait(LOOK)

@@ -25,7 +25,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass
-class Resident:
+class LoadedAsset:
     """An asset of this replica.
 
     snapshot, settings: revisions that it has.  own: it is built here, and not shared yet; or it
@@ -38,7 +38,7 @@ class Resident:
     users: int = 0
 
 
-class Residents:
+class LoadedAssets:
     """Loads assets, and lets them go.
 
     replica: its name.  most: assets that stay loaded.  resume: goes on with a build whose replica
@@ -58,7 +58,7 @@ class Residents:
         self._engine, self._shared, self._frames = engine, shared, frames
         self._most, self._replica = most, replica
         self._resume, self._seen = resume, seen
-        self._here: OrderedDict[str, Resident] = OrderedDict()
+        self._here: OrderedDict[str, LoadedAsset] = OrderedDict()
         self._locks = KeyedLocks()
         self._unused = threading.Condition()
 
@@ -97,7 +97,7 @@ class Residents:
         """The engine has the asset now.  snapshot: the one in the shared folder; None: it is not
         shared yet."""
         with self._unused:
-            known = self._here.setdefault(asset, Resident())
+            known = self._here.setdefault(asset, LoadedAsset())
             known.own, known.snapshot = snapshot is None, snapshot
 
     def note_settings(self, asset: str, settings: Revision) -> None:
@@ -117,11 +117,11 @@ class Residents:
     def pin(self, asset: str) -> Callable[[], None]:
         """Keep an asset here until what is returned is called."""
         with self._unused:
-            pinned = self._here.get(asset) or Resident()
+            pinned = self._here.get(asset) or LoadedAsset()
             pinned.users += 1
         return partial(self._release, pinned)
 
-    def _release(self, used: Resident) -> None:
+    def _release(self, used: LoadedAsset) -> None:
         with self._unused:
             used.users -= 1
             self._unused.notify_all()
@@ -170,13 +170,13 @@ class Residents:
             except SnapshotError as error:
                 text = f"asset {asset} is damaged in the shared folder: {error}"
                 raise SharedDamageError(text) from error
-            here = Resident(snapshot=revision)
+            here = LoadedAsset(snapshot=revision)
             self._here[asset] = here
             self._see_to_settings(asset, here)
             if self._shared.info(asset, (here.snapshot, here.settings)) is None:
                 self.describe(asset)
 
-    def _see_to_settings(self, asset: str, here: Resident) -> None:
+    def _see_to_settings(self, asset: str, here: LoadedAsset) -> None:
         revision = self._shared.settings_revision(asset)
         if revision != here.settings:
             settings = self._shared.settings(asset)
