@@ -27,7 +27,8 @@ class ServiceSettings:
 
     store: folder of the assets.  shared_store: where assets are that several machines share, a
     folder or s3://BUCKET/PREFIX, whose copies `store` then holds; None = nowhere.
-    store_limit: bytes of these copies; None = any.
+    store_limit: bytes of these copies; None = any.  in_step: whether machines wait until the shared
+    store has what they built or changed, as the replicas of a fleet do.
     device: part of an OpenCL device's or platform's name, or the number that `rhytid devices`
     shows; None = the best that computes.
     device_memory, frame_memory, host_memory, upload_limit, spool: bytes; None = a share of what the
@@ -54,6 +55,7 @@ class ServiceSettings:
     store: Path = Path("rhytid-store")
     shared_store: str | None = None
     store_limit: int | None = None
+    in_step: bool = False
     device: str | None = None
     devices: tuple[str, ...] = ()
     device_memory: int | None = None

@@ -23,7 +23,13 @@ from rhytid.engine.jobs import Jobs
 from rhytid.engine.messages import Refusal
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.engine.spacing import mean_spacing
-from rhytid.errors import CancelledError, FatalRequestError, NotFoundError, public_message
+from rhytid.errors import (
+    CancelledError,
+    FatalRequestError,
+    NotFoundError,
+    RhytidError,
+    public_message,
+)
 from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.element_arrays import check_cover
 from rhytid.storage.records import StoredRequest
@@ -89,6 +95,11 @@ class AssetBuilder:
         self._refused.pop(asset, None)
 
     def change(self, asset: Asset, settings: AssetSettings) -> None:
+        """As `use`, and push the asset."""
+        self.use(asset, settings)
+        self._shared.share(asset.id)
+
+    def use(self, asset: Asset, settings: AssetSettings) -> None:
         """Give a ready asset, whose lock is held, other settings, on the device and in the store.
 
         Its old settings stay where anything fails. Raises LimitError where its maps would cover too
@@ -113,7 +124,6 @@ class AssetBuilder:
         except BaseException:
             self._store.put_overlay(asset.id, old)
             raise
-        self._shared.push(asset.id)
 
     def prepare_bins(self, asset: Asset) -> None:
         """Make the level-0 maps of the fast method ahead, as a job, if they fit; else each is made
@@ -159,7 +169,8 @@ class AssetBuilder:
             if self._shared.take(job, asset):
                 return
             self._build(job, asset)
-        self._shared.push(asset.id)
+        with suppress(RhytidError):  # it is built, and pushed later
+            self._shared.share(asset.id)
 
     def _build(self, job: Job, asset: Asset) -> None:
         wanted = self._store.request(asset.id)

@@ -155,14 +155,13 @@ class Engine:
         restored: RestoredAssets,
     ) -> SharedAssets:
         """Those of the shared store, if there is one, with the limit of the local one."""
-        mirror = room = None
+        mirror = copies = None
         if shared is not None:
             mirror = StoreMirror(self._store, shared)
-            if settings.store_limit is not None:
-                room = LocalRoom(
-                    settings.store_limit, mirror, registry, self._store, self._on_device, self.jobs
-                )
-        return SharedAssets(mirror, registry, restored, self.jobs, room)
+            copies = LocalRoom(
+                settings.store_limit, mirror, registry, self._store, self._on_device, self.jobs
+            )
+        return SharedAssets(mirror, registry, restored, self.jobs, copies, in_step=settings.in_step)
 
     def _probe(self) -> bool:
         """Launch the kernel that devices are tried with, and check what it wrote."""

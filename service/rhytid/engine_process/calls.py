@@ -25,6 +25,8 @@ _PLAIN = {
         "info",
         "change",
         "delete",
+        "follow",
+        "leave",
         "content",
         "graph",
         "mesh",

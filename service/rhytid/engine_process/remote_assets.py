@@ -14,7 +14,7 @@ from rhytid.domain.frame import counted_frame
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.byte_budget import Hold
-from rhytid.engine.messages import AssetContent, AssetInfo, JobInfo, NewAsset
+from rhytid.engine.messages import AssetContent, AssetInfo, FollowedAsset, JobInfo, NewAsset
 from rhytid.engine_process.caller import Caller
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.frame_ledger import FrameLedger
@@ -98,9 +98,23 @@ class RemoteAssets:
             self._frames.forget(asset)
             if request.sent == 1:
                 raise
-        self._frames.forget(asset)
-        self._tiles.forget(asset)
+        self._forget(asset)
+
+    def follow(self, asset: str, *, replace: bool) -> FollowedAsset | None:
+        """As `AssetService.follow`."""
+        request = Request("assets.follow", (asset,), {"replace": replace})
+        found: FollowedAsset | None = self._supervisor.call(request)
+        if found is not None and found.replaced:
+            self._forget(asset)
         self._supervisor.forget(asset)
+        return found
+
+    def leave(self, asset: str) -> bool:
+        """As `AssetService.leave`."""
+        left: bool = self._supervisor.call(Request("assets.leave", (asset,)))
+        if left:
+            self._forget(asset)
+        return left
 
     def content(self, asset: str) -> AssetContent:
         """As `AssetService.content`."""
@@ -144,6 +158,12 @@ class RemoteAssets:
         named = {"strict": strict, "allow": tuple(allow)}
         request = Request("assets.calibrate", (asset, positions), named)
         return self._jobs.keep(self._supervisor.call(request))
+
+    def _forget(self, asset: str) -> None:
+        """The process has the asset no more, or another in its place, without frames."""
+        self._frames.forget(asset)
+        self._tiles.forget(asset)
+        self._supervisor.forget(asset)
 
     def _noted(self, info: AssetInfo) -> AssetInfo:
         """The asset, whose job is remembered: a caller gets its id."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -27,6 +28,19 @@ _SCHEME = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+://")
 _BUCKET = re.compile(r"s3://[a-z0-9][a-z0-9.-]{1,61}[a-z0-9](?:/[^/]+)*/?")
 
 
+@dataclass(frozen=True)
+class Found:
+    """An object of a backend.
+
+    revision: another once the object was written anew.  modified: when it was, in seconds of
+    `time.time`.
+    """
+
+    revision: str
+    nbytes: int
+    modified: float
+
+
 class Backend(Protocol):
     """Named bytes that several machines reach.
 
@@ -35,6 +49,10 @@ class Backend(Protocol):
     be used, SharedDamageError where it is no plain file, and DiskFullError where a disk is full.
     """
 
+    # Seconds for which what was seen of an object may be taken for what is there: 0 where a look
+    # costs little.
+    fresh: float
+
     def check(self) -> None:
         """Raise SharedStoreError where nothing can be read here."""
 
@@ -42,8 +60,8 @@ class Backend(Protocol):
         """Mark the place as a shared store, where that is allowed and was not done before; raises
         StoreFormatError, and changes nothing, where a newer release made the shared store."""
 
-    def size(self, name: str) -> int | None:
-        """Bytes of an object; None where there is none."""
+    def find(self, name: str) -> Found | None:
+        """An object, of which nothing is read; None where there is none."""
 
     def read(self, name: str, most: int) -> bytes | None:
         """A small object; None where there is none. Raises SharedDamageError where it has more
@@ -58,8 +76,18 @@ class Backend(Protocol):
     def send(self, name: str, source: Path) -> None:
         """Write an object with the bytes of a file."""
 
+    def put(self, name: str, pieces: Iterable[bytes | memoryview]) -> None:
+        """Write an object of any size, which comes in pieces."""
+
+    def create(self, name: str, data: bytes) -> bool:
+        """Write a small object at the top where there is none of that name; whether it was. Others
+        may see it before all of it is written."""
+
     def names(self, folder: str) -> list[str]:
         """Names of the objects that lie in a folder, without it, ascending."""
+
+    def found(self, folder: str) -> dict[str, Found]:
+        """The objects that lie in a folder, by the names of `names`."""
 
     def remove(self, name: str) -> bool:
         """Remove an object, if it is there; whether it was."""

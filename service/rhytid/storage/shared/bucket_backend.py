@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Any
 
 from rhytid import stopping
 from rhytid.domain.wording import install_hint
 from rhytid.durable import sync_file
 from rhytid.errors import InputError, SharedStoreError
-from rhytid.storage.shared.backend import SHARED_STORE, reached, too_large
+from rhytid.storage.shared.backend import SHARED_STORE, Found, reached, too_large
 
 # Seconds to connect, and without a byte: of what is small, for which callers wait, and of the rest.
 _CONNECT, _QUICK, _SILENT = 3, 5, 20
@@ -29,6 +31,8 @@ class BucketBackend:
     programs of S3 take: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_ENDPOINT_URL, a profile, or
     the role of the machine. Raises InputError where the extra `s3` is not installed.
     """
+
+    fresh = 1.0
 
     def __init__(self, url: str) -> None:
         self._url = url.rstrip("/")
@@ -53,16 +57,17 @@ class BucketBackend:
         with suppress(SharedStoreError):  # it may only be read
             self.write(SHARED_STORE.marker, SHARED_STORE.text())
 
-    def size(self, name: str) -> int | None:
-        """As `Backend.size`."""
+    def find(self, name: str) -> Found | None:
+        """As `Backend.find`."""
         with reached(f"{self._path(name)} cannot be read"), suppress(FileNotFoundError):
-            return int(self._small.info(self._path(name), refresh=True)["size"])
+            return _found(self._small.info(self._path(name), refresh=True))
         return None
 
     def read(self, name: str, most: int) -> bytes | None:
         """As `Backend.read`."""
-        if (size := self.size(name) or 0) > most:
-            raise too_large(self, name, size, most)
+        found = self.find(name)
+        if found is not None and found.nbytes > most:
+            raise too_large(self, name, found.nbytes, most)
         with reached(f"{self._path(name)} cannot be read"), suppress(FileNotFoundError):
             return bytes(self._small.cat_file(self._path(name)))
         return None
@@ -93,22 +98,51 @@ class BucketBackend:
                 max_concurrency=_AT_ONCE,
             )
 
+    def put(self, name: str, pieces: Iterable[bytes | memoryview]) -> None:
+        """As `Backend.put`."""
+        with reached(f"{self._path(name)} cannot be written"), NamedTemporaryFile() as aside:
+            aside.writelines(pieces)
+            aside.flush()
+            self.send(name, Path(aside.name))
+
+    def create(self, name: str, data: bytes) -> bool:
+        """As `Backend.create`."""
+        with reached(f"{self._path(name)} cannot be written"):
+            try:
+                self._files.pipe_file(self._path(name), data, mode="create")
+            except FileExistsError:
+                return False
+        return True
+
     def names(self, folder: str) -> list[str]:
         """As `Backend.names`."""
+        return list(self.found(folder))
+
+    def found(self, folder: str) -> dict[str, Found]:
+        """As `Backend.found`."""
         with reached(f"{self._path(folder)} cannot be listed"), suppress(FileNotFoundError):
-            found = self._small.ls(self._path(folder), detail=False, refresh=True)
-            return sorted(str(path).rpartition("/")[2] for path in found)
-        return []
+            listed = self._small.ls(self._path(folder), detail=True, refresh=True)
+            files = {str(one["name"]).rpartition("/")[2]: one for one in listed}
+            return {name: _found(files[name]) for name in sorted(files)}
+        return {}
 
     def remove(self, name: str) -> bool:
         """As `Backend.remove`."""
-        known = self.size(name) is not None
+        known = self.find(name) is not None
         with reached(f"{self._path(name)} cannot be removed"), suppress(FileNotFoundError):
             self._files.rm_file(self._path(name))
         return known
 
     def _path(self, name: str) -> str:
         return f"{self._url}/{name}"
+
+
+def _found(info: Any) -> Found:
+    """What s3fs says of an object, or of a folder, which has no revision."""
+    modified = info.get("LastModified")
+    return Found(
+        str(info.get("ETag", "")), int(info["size"]), modified.timestamp() if modified else 0.0
+    )
 
 
 def _asking() -> Any:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 import re
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 from rhytid import durable, stopping
-from rhytid.durable import copy_file, sync_file, sync_folder, write_file
+from rhytid.durable import copy_file, sync_file, sync_folder, write_file, write_pieces
 from rhytid.errors import InputError, SharedStoreError, StorageError, StoreFormatError
 from rhytid.owned import (
     NotPlainError,
@@ -31,6 +31,7 @@ from rhytid.storage.shared.backend import (
     OBJECTS,
     PARTIAL,
     SHARED_STORE,
+    Found,
     damaged,
     reached,
     too_large,
@@ -52,6 +53,8 @@ class FolderBackend:
     where something in it is in the way that is not ours; StoreFormatError where a newer release
     made the shared store. Nothing is changed there then.
     """
+
+    fresh = 0.0
 
     def __init__(self, folder: Path) -> None:
         if not folder.is_dir():
@@ -86,17 +89,17 @@ class FolderBackend:
                     durable.claim(self._folder, SHARED_STORE, _holds_assets)
                     self._claimed = True
 
-    def size(self, name: str) -> int | None:
-        """As `Backend.size`."""
-        return self._found(name, _plain_size)
+    def find(self, name: str) -> Found | None:
+        """As `Backend.find`."""
+        return self._looked(name, _plain)
 
     def read(self, name: str, most: int) -> bytes | None:
         """As `Backend.read`."""
-        return self._found(name, lambda path: self._bounded(name, path, most))
+        return self._looked(name, lambda path: self._bounded(name, path, most))
 
     def fetch(self, name: str, to: Path) -> bool:
         """As `Backend.fetch`."""
-        if self._found(name, lambda path: _copy_plain(path, to)) is None:
+        if self._looked(name, lambda path: _copy_plain(path, to)) is None:
             return False
         with reached(f"{to} cannot be written"):
             sync_file(to)
@@ -110,10 +113,37 @@ class FolderBackend:
         """As `Backend.send`."""
         self._install(name, partial(copy_file, source))
 
+    def put(self, name: str, pieces: Iterable[bytes | memoryview]) -> None:
+        """As `Backend.put`."""
+        self._install(name, lambda aside: write_pieces(aside, pieces))
+
+    def create(self, name: str, data: bytes) -> bool:
+        """As `Backend.create`."""
+        path = self._folder / name
+        with reached(f"{path} cannot be written"):
+            self.claim()
+            group = has_group(self._folder)
+            try:
+                made = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
+            except FileExistsError:
+                return False
+            try:
+                with open(made, "wb") as file:
+                    file.write(data)
+            except BaseException:  # such as of a full disk: another caller makes it
+                path.unlink(missing_ok=True)
+                raise
+            restrict(path, group=group)
+        return True
+
     def names(self, folder: str) -> list[str]:
         """As `Backend.names`."""
-        found = self._found(folder, lambda path: sorted(file.name for file in path.iterdir()))
+        found = self._looked(folder, lambda path: sorted(file.name for file in path.iterdir()))
         return found or []
+
+    def found(self, folder: str) -> dict[str, Found]:
+        """As `Backend.found`."""
+        return self._looked(folder, _plain_files) or {}
 
     def remove(self, name: str) -> bool:
         """As `Backend.remove`, and its folder, where that is empty then."""
@@ -134,7 +164,7 @@ class FolderBackend:
                 raise too_large(self, name, os.fstat(file.fileno()).st_size, most)
         return data
 
-    def _found(self, name: str, look: Callable[[Path], T]) -> T | None:
+    def _looked(self, name: str, look: Callable[[Path], T]) -> T | None:
         path = self._folder / name
         with reached(f"{path} cannot be read"), suppress(FileNotFoundError):
             try:
@@ -200,11 +230,19 @@ def _holds_assets(folder: Path) -> bool:
     )
 
 
-def _plain_size(path: Path) -> int:
+def _plain(path: Path) -> Found:
     found = path.lstat()
     if not stat.S_ISREG(found.st_mode):
         raise NotPlainError(path)
-    return found.st_size
+    return Found(f"{found.st_mtime_ns}-{found.st_ino}", found.st_size, found.st_mtime)
+
+
+def _plain_files(folder: Path) -> dict[str, Found]:
+    files = {}
+    for path in sorted(folder.iterdir()):
+        with suppress(FileNotFoundError, NotPlainError):  # removed meanwhile, or not ours
+            files[path.name] = _plain(path)
+    return files
 
 
 def _copy_plain(path: Path, to: Path) -> bool:

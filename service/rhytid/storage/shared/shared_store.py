@@ -88,8 +88,18 @@ class SharedStore:
 
     def ids(self) -> list[str]:
         """Ids of the assets, ascending; none of them is read."""
+        return list(self.revisions())
+
+    def revisions(self) -> dict[str, str]:
+        """Revisions of the manifests of all assets, by id, ascending."""
         self._claim()
-        return self._manifests.ids()
+        return self._manifests.revisions()
+
+    def revision(self, id: str) -> str | None:
+        """Another once an asset was changed; None where it is not there. Nothing is read."""
+        self._claim()
+        found = self._place.find(_manifest_name(id))
+        return None if found is None else found.revision
 
     def index(self, id: str) -> SnapshotIndex:
         """What an asset is made of.
@@ -148,6 +158,16 @@ class SharedStore:
                 return index
         raise SharedDamageError(f"asset {id} in {self} was replaced {_TRIES} times meanwhile")
 
+    def read(self, index: SnapshotIndex, name: str) -> bytes:
+        """A small file of an asset, compared with its SHA-256; raises SharedDamageError where it is
+        not what was written."""
+        file = index.files[name]
+        data = self._place.read(_object(index.asset, file), file.nbytes)
+        if data is None or StoredFile.of(data) != file:
+            why = "it is missing" if data is None else "it does not have the SHA-256 that names it"
+            raise damaged(self, _object(index.asset, file), why)
+        return data
+
     def holds(self, id: str) -> bool:
         """Whether an asset is there, its files by their sizes; raises what `index` does, but where
         it is not there."""
@@ -155,9 +175,7 @@ class SharedStore:
             index = self.index(id)
         except NotFoundError:
             return False
-        return all(
-            self._place.size(_object(id, file)) == file.nbytes for file in index.files.values()
-        )
+        return all(self._size(_object(id, file)) == file.nbytes for file in index.files.values())
 
     def remove(self, id: str) -> None:
         """Remove an asset, its manifest first; raises NotFoundError where it is not there."""
@@ -166,12 +184,16 @@ class SharedStore:
         for _ in range(_ROUNDS):
             known = self._remove(id) or known
             # One that was written meanwhile names objects that were removed after it.
-            if self._place.size(_manifest_name(id)) is None:
+            if self._place.find(_manifest_name(id)) is None:
                 break
         else:
             raise SharedStoreError(f"asset {id} is being pushed to {self}")
         if not known:
             raise NotFoundError(f"no asset {id} in the shared store")
+
+    def _size(self, name: str) -> int | None:
+        found = self._place.find(name)
+        return None if found is None else found.nbytes
 
     def _claim(self) -> None:
         """Raise StoreFormatError where a newer release made the shared store; looked at once."""
@@ -236,7 +258,7 @@ class SharedStore:
         file, files = index.files[name], list(index.files)
         report(files.index(name) / len(files), name)
         target = _object(index.asset, file)
-        if not anew and self._place.size(target) == file.nbytes:
+        if not anew and self._size(target) == file.nbytes:
             return False
         if name in paths:
             made.check_file(name)
@@ -261,7 +283,7 @@ class SharedStore:
             done += file.nbytes
 
     def _fetch(self, name: str, wanted: StoredFile, to: Path) -> None:
-        size = self._place.size(name)  # what is too large is not fetched
+        size = self._size(name)  # what is too large is not fetched
         if size is None or (size == wanted.nbytes and not self._place.fetch(name, to)):
             raise _Missing(f"{self}/{name} is missing, and the manifest of the asset names it")
         if size != wanted.nbytes:
@@ -277,11 +299,11 @@ class _Manifests:
     def __init__(self, place: Backend) -> None:
         self._place = place
 
-    def ids(self) -> list[str]:
-        """Ids of the assets that have one, ascending."""
-        found = self._place.names(MANIFESTS)
-        ids = (name.removesuffix(_SUFFIX) for name in found if name.endswith(_SUFFIX))
-        return [id for id in ids if ID.fullmatch(id)]
+    def revisions(self) -> dict[str, str]:
+        """The revision of each, by the id of its asset, ascending."""
+        found = self._place.found(MANIFESTS)
+        named = {name.removesuffix(_SUFFIX): name for name in found if name.endswith(_SUFFIX)}
+        return {id: found[name].revision for id, name in named.items() if ID.fullmatch(id)}
 
     def read(self, id: str) -> bytes | None:
         """Its bytes, of which nothing is checked but their number; None where there is none."""
