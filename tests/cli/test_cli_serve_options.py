@@ -42,7 +42,10 @@ def test_several_devices_are_in_processes_of_their_own(
     [
         (("--replicas", "2"), "--replicas is for --ray"),
         (("--ray", "--in-process"), "--ray and --in-process cannot be given together"),
-        (("--ray", "--shared-store", "there"), "a fleet shares the folder of its store, and not"),
+        (
+            ("--ray", "--shared-store", "there"),
+            "shared store there: no such folder; make it, or mount",
+        ),
         (("--ray", "--replicas", "2-1"), "replicas '2-1': a number from 1 on, or two such as 2-8"),
     ],
 )

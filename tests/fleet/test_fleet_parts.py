@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import pickle
 import shutil
 from collections import Counter
 from contextvars import Context
@@ -14,17 +13,15 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from engine.engines import new_asset
 from rhytid.engine.messages import JobInfo
 from rhytid.engine.worker import drawn_live, is_live
 from rhytid.engine_process.requests import Request
-from rhytid.errors import NotFoundError, SettingsError, StorageError
+from rhytid.errors import NotFoundError, SettingsError
 from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.envelopes import Answer, ElsewhereError, Envelope, packed
 from rhytid.fleet.frame_registry import FrameRegistry
 from rhytid.fleet.frame_versions import FrameVersions
 from rhytid.fleet.jobs import JobName, JobNames, ReplicaNames
-from rhytid.fleet.kept_uploads import read_upload, written_upload
 from rhytid.fleet.local_place import LocalPlace
 from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.replica import EngineReplica
@@ -111,31 +108,6 @@ def test_a_board_that_starts_again_has_larger_versions() -> None:
         assert await FrameRegistry().remove(ASSET, "a", before) > before
 
     asyncio.run(use())
-
-
-def test_an_upload_that_is_kept_comes_back() -> None:
-    new = replace(new_asset(), frames=np.zeros((2, 9, 3), np.float32))
-    data = b"".join(written_upload(new))
-    found = read_upload(data)
-    assert np.array_equal(found.mesh.positions, new.mesh.positions)
-    assert found.settings == new.settings
-    assert found.frames is not None
-    assert found.frames.shape == (2, 9, 3)
-    for wrong in (b"", data[:40], data[:-1000], b"\x00" * len(data)):
-        with pytest.raises(StorageError, match="damaged"):
-            read_upload(wrong)
-
-
-class Harm:
-    def __reduce__(self) -> Any:
-        return print, ("harm",)
-
-
-def test_an_upload_runs_no_code() -> None:
-    body = pickle.dumps(Harm())
-    data = len(body).to_bytes(8, "little") + bytes(8) + body
-    with pytest.raises(StorageError, match="not expected here"):
-        read_upload(data)
 
 
 def test_answers_and_errors_come_back() -> None:

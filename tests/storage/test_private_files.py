@@ -15,8 +15,10 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.durable import whole
+from rhytid.fleet.fleet_store import FleetStore
 from rhytid.fleet.local_place import LocalPlace
-from rhytid.fleet.shared_folder import SharedFolder
+from rhytid.fleet.options import FleetOptions
+from rhytid.settings import ServiceSettings
 from rhytid.storage import AssetStore
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
@@ -159,10 +161,10 @@ def test_what_a_fleet_shares_is_for_its_owner_or_its_group(tmp_path: Path) -> No
         store = tmp_path / f"{mode:o}"
         store.mkdir()
         store.chmod(mode)
-        shared = SharedFolder(store / "shared")
-        shared.put_upload(ID, "me", [b"mesh"])
-        shared.put_settings(ID, {"depth": 1.0})
-        shared.give([b"snapshot"])
+        files = FleetStore.opened(ServiceSettings(), FleetOptions(store=store)).files
+        files.put_upload(ID, "me", [b"mesh"])
+        files.job_key()
+        files.give([b"snapshot"])
         assert modes(store / "shared") == wanted
         assert stat.S_IMODE(store.stat().st_mode) == mode
 

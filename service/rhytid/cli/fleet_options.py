@@ -41,9 +41,8 @@ def fleet_of(
     if arguments.in_process:
         raise InputError("--ray and --in-process cannot be given together")
     # Beside the packages of the extra, Ray takes a while to import.
-    from rhytid.fleet.options import FleetOptions, check_settings
+    from rhytid.fleet.options import FleetOptions
 
-    check_settings(settings)
     options = FleetOptions.read({"store": settings.store, "replicas": arguments.replicas or "1"})
     try:
         from rhytid.fleet.app import local_fleet

@@ -161,7 +161,7 @@ class SharedAssets:
 
     def newer(self, id: str) -> SnapshotIndex | None:
         """As `StoreMirror.newer`; None where there is no shared store."""
-        return None if self._calls is None else self._calls.mirror.newer(id)
+        return None if self._calls is None else self._calls.newer(id)
 
     def take_newer(
         self, asset: Asset, there: SnapshotIndex, use: Callable[[AssetSettings], None]
@@ -169,7 +169,7 @@ class SharedAssets:
         """Give an asset, whose lock is held, the settings that the shared store has of it; False
         where more than they differ.  use: gives it settings."""
         assert self._calls is not None
-        found = self._calls.mirror.newer_settings(there)
+        found = self._calls.newer_settings(there)
         if found is None:
             return False
         settings, data = found

@@ -8,6 +8,7 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import (
     CancelledError,
     FetchingError,
@@ -17,6 +18,7 @@ from rhytid.errors import (
 )
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import Report
+from rhytid.storage.snapshot_index import SnapshotIndex
 from rhytid.storage.unpacked import UnpackedAsset
 
 # Seconds that what was not found is not looked for again, and that a caller waits for its turn.
@@ -53,6 +55,17 @@ class SharedCalls:
         self._failures.check(id)
         with _turn(self._looking, id), self._noting(id):
             self.mirror.shared.index(id)
+
+    def newer(self, id: str) -> SnapshotIndex | None:
+        """As `StoreMirror.newer`."""
+        self.check()
+        with self._watching(id):
+            return self.mirror.newer(id)
+
+    def newer_settings(self, there: SnapshotIndex) -> tuple[AssetSettings, bytes] | None:
+        """As `StoreMirror.newer_settings`."""
+        with self._watching(there.asset):
+            return self.mirror.newer_settings(there)
 
     def remove(self, id: str) -> None:
         """Remove an asset there; raises what `SharedStore.remove` does, and FetchingError where too

@@ -22,7 +22,8 @@ from rhytid.api.request_memory import WholeBytes
 from rhytid.device.memory import usual_frame_memory
 from rhytid.domain.wording import plural
 from rhytid.errors import AccessError, DeviceError
-from rhytid.fleet.options import FleetOptions, check_settings
+from rhytid.fleet.fleet_store import FleetStore
+from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.ray_engine import RayEngine
 from rhytid.fleet.remote_registry import RemoteFrameRegistry
 from rhytid.fleet.replica import EngineReplica
@@ -53,12 +54,12 @@ def application(given: Mapping[str, object]) -> Application:
 
     given: options of `FleetOptions` by name; what they do not say comes from the environment of the
     machine that this runs on. Raises SettingsError; AccessError where there is no valid API key,
-    and StorageError where the keys cannot be read.
+    StorageError where the keys cannot be read, and what `FleetStore.opened` does.
     """
     settings = ServiceSettings.from_environment()
-    check_settings(settings)
     options = FleetOptions.read({"store": settings.store, **given})
     settings = asking(replace(settings, store=options.store), options)
+    _prepare(settings, options)
 
     def http() -> Any:  # Serve asks whether it is a function: a partial is none
         return _http(settings, options)
@@ -67,6 +68,12 @@ def application(given: Mapping[str, object]) -> Application:
         serve.ingress(http)(Ingress)
     )
     return ingress.bind(deployment(settings, options))
+
+
+def _prepare(settings: ServiceSettings, options: FleetOptions) -> None:
+    """Open the shared store before many do so at once: what is wrong with it is found here, an
+    earlier release's is taken over, and there is one key."""
+    FleetStore.opened(settings, options).files.job_key()
 
 
 def asking(settings: ServiceSettings, options: FleetOptions) -> ServiceSettings:
@@ -152,8 +159,9 @@ def local_fleet(
 
     address: of a cluster that runs already; None: Ray is started on this machine alone, without its
     dashboard, and ended with the block.  ray_options: of `ray.init`, of Ray that is started. Raises
-    DeviceError where Ray or the replicas do not start.
+    DeviceError where Ray or the replicas do not start, and what `FleetStore.opened` does.
     """
+    _prepare(settings, options)
     count, registry = plural(options.least, "replica"), RemoteFrameRegistry(NAME)
     _log.info("Ray starts %s, which may take a minute", count)
     try:

@@ -14,18 +14,17 @@ from rhytid.engine.messages import DeviceInfo
 from rhytid.engine_process.job_ledger import JobLedger
 from rhytid.engine_process.remote_frames import RemoteFrames
 from rhytid.engine_process.remote_jobs import RemoteJobs
-from rhytid.engine_process.remote_packages import RemotePackages
 from rhytid.engine_process.remote_tiles import RemoteTiles
 from rhytid.engine_process.requests import Request
 from rhytid.engine_process.upload_holds import UploadHolds
 from rhytid.errors import BusyError, DeviceLostError
 from rhytid.fleet.caller import FleetCaller
-from rhytid.fleet.fleet_assets import FleetAssets, FleetSnapshots
+from rhytid.fleet.fleet_assets import FleetAssets, FleetPackages, FleetSnapshots
+from rhytid.fleet.fleet_store import FleetStore
 from rhytid.fleet.frame_versions import FrameVersions
 from rhytid.fleet.jobs import JobNames
 from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.remote_registry import RemoteFrameRegistry, ReplicaReports
-from rhytid.fleet.shared_folder import SharedFolder
 from rhytid.settings import ServiceSettings
 
 
@@ -48,16 +47,16 @@ class RayEngine:
         self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
         self._presence = ReplicaReports(board)
         versions = FrameVersions()
-        shared = SharedFolder(options.store / "shared")
-        names = JobNames(shared.job_key())
+        store = FleetStore.opened(settings, options)
+        names = JobNames(store.files.job_key())
         self._caller = FleetCaller(replicas, versions, names, self._present)
         self.frames = RemoteFrames(self._caller, versions)
         self.tiles = RemoteTiles(self._caller, versions)
         self.jobs = RemoteJobs(self._caller, JobLedger())
         uploads = UploadHolds(self.memory)
-        self.assets = FleetAssets(self._caller, versions, self.jobs, uploads, self.tiles, shared)
-        self.packages = RemotePackages(self._caller, self.jobs)
-        self.snapshots = FleetSnapshots(self._caller, shared)
+        self.assets = FleetAssets(self._caller, versions, self.jobs, uploads, self.tiles, store)
+        self.packages = FleetPackages(self._caller, self.jobs, store.files)
+        self.snapshots = FleetSnapshots(self._caller, store.files)
 
     def close(self) -> None:
         """Look after the replicas no more; they belong to who started them."""

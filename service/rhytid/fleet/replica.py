@@ -24,6 +24,7 @@ from rhytid.engine_process.found_devices import found_devices, named_devices, se
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import DeviceLostError, RhytidError
 from rhytid.fleet.envelopes import Answer, ElsewhereError, Envelope
+from rhytid.fleet.fleet_store import FleetStore
 from rhytid.fleet.frame_registry import Report
 from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.jobs import JobNames
@@ -32,7 +33,6 @@ from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.remote_registry import RemoteFrameRegistry
 from rhytid.fleet.replica_assets import ReplicaAssets
 from rhytid.fleet.replica_calls import ReplicaCalls
-from rhytid.fleet.shared_folder import SharedFolder
 from rhytid.logs import log_to_stderr, request_id
 from rhytid.settings import ServiceSettings
 
@@ -50,16 +50,19 @@ class EngineReplica:
         self._name = context.replica_id.unique_id
         log_to_stderr(settings.log_format, logging.INFO, f"replica {self._name}")
         self._place = LocalPlace(options.local)
-        own = replace(_of_device(settings, self._place.number), store=self._place.store)
+        store = FleetStore.opened(settings, options)
+        own = replace(
+            _of_device(settings, self._place.number),
+            store=self._place.store,
+            shared_store=store.place,
+            in_step=True,
+        )
         self._engine = RemoteEngine(own)
         self._board = RemoteFrameRegistry(context.app_name, limit)
         frames = FrameSync(self._engine.frames, self._board)
-        shared = SharedFolder(options.store / "shared")
-        shared.sweep()
-        names = JobNames(shared.job_key())
-        self._assets = ReplicaAssets(
-            self._engine, shared, frames, names, self._name, options.assets
-        )
+        store.files.sweep()
+        names = JobNames(store.files.job_key())
+        self._assets = ReplicaAssets(self._engine, store, frames, names, self._name, options.assets)
         self._calls = ReplicaCalls(self._engine, self._assets, frames, names, self._name)
         self._pool = ThreadPoolExecutor(options.calls, "rhytid-call")
         self._closing = threading.Event()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -76,7 +75,7 @@ class ReplicaCalls:
         if envelope.name == "create":
             return self._seen(self._create(envelope, *positional, **named)), 0
         mend = envelope.name in _MENDING
-        with self._assets.residents.using(envelope.asset, envelope.to, mend=mend):
+        with self._assets.loaded.using(envelope.asset, envelope.to, mend=mend):
             if envelope.name == "frames.put":
                 return self._put(*positional, **named)
             if envelope.name == "frames.delete":
@@ -91,8 +90,8 @@ class ReplicaCalls:
     ) -> AssetInfo:
         return self._assets.create(new, envelope.to, strict=strict, allow=allow)
 
-    def _restore(self, asset: str, path: str, nbytes: int) -> tuple[AssetInfo, bool]:
-        info, new = self._assets.restore(asset, Path(path), nbytes)
+    def _restore(self, asset: str, name: str, nbytes: int) -> tuple[AssetInfo, bool]:
+        info, new = self._assets.restore(asset, name, nbytes)
         return self._seen(info), new
 
     def _put(
@@ -133,7 +132,7 @@ class ReplicaCalls:
             if found.state in ENDED_STATES:
                 self._assets.settle(name.own)
             return self._seen_as.job(found)
-        with self._assets.residents.using(name.asset, envelope.to):
+        with self._assets.loaded.using(name.asset, envelope.to):
             if envelope.name == "jobs.cancel":
                 self._cancel_resumed(name)
             return resumed(name.unknown(id), self._engine.assets.info, self._engine.jobs.info)

@@ -49,8 +49,8 @@ class Backend(Protocol):
     be used, SharedDamageError where it is no plain file, and DiskFullError where a disk is full.
     """
 
-    # Seconds for which what was seen of an object may be taken for what is there: 0 where a look
-    # costs little.
+    # Seconds for which what was seen of an object is taken for what is there: 0 where a look costs
+    # little.
     fresh: float
 
     def check(self) -> None:
@@ -72,6 +72,9 @@ class Backend(Protocol):
 
     def write(self, name: str, data: bytes) -> None:
         """Write a small object."""
+
+    def local(self, name: str) -> Path | None:
+        """The file of an object, where the backend has files that this machine can read."""
 
     def send(self, name: str, source: Path) -> None:
         """Write an object with the bytes of a file."""

@@ -87,6 +87,10 @@ class BucketBackend:
         with reached(f"{self._path(name)} cannot be written"):
             self._files.pipe_file(self._path(name), data)
 
+    def local(self, name: str) -> Path | None:
+        """As `Backend.local`."""
+        return None
+
     def send(self, name: str, source: Path) -> None:
         """As `Backend.send`."""
         with reached(f"{self._path(name)} cannot be written"):

@@ -62,7 +62,7 @@ class FolderBackend:
         self._folder, self._partial = folder.resolve(), folder.resolve() / PARTIAL
         self._claimed = False
         with suppress(OSError), _refused(self):  # a mount that fails now may be back later
-            check_ours(self._folder, SHARED_STORE, _holds_assets)
+            check_ours(self._folder, SHARED_STORE, holds_assets)
 
     def __str__(self) -> str:
         return str(self._folder)
@@ -83,10 +83,10 @@ class FolderBackend:
         with reached(f"shared store {self} cannot be read"), _refused(self):
             if self._claimed and is_real_folder(self._partial):
                 return
-            self._claimed = check_ours(self._folder, SHARED_STORE, _holds_assets)
+            self._claimed = check_ours(self._folder, SHARED_STORE, holds_assets)
             if not self._claimed:
                 with suppress(OSError):  # it may only be read, or is full: then it is marked later
-                    durable.claim(self._folder, SHARED_STORE, _holds_assets)
+                    durable.claim(self._folder, SHARED_STORE, holds_assets)
                     self._claimed = True
 
     def find(self, name: str) -> Found | None:
@@ -108,6 +108,10 @@ class FolderBackend:
     def write(self, name: str, data: bytes) -> None:
         """As `Backend.write`."""
         self._install(name, lambda aside: write_file(aside, data))
+
+    def local(self, name: str) -> Path | None:
+        """As `Backend.local`."""
+        return self._folder / name
 
     def send(self, name: str, source: Path) -> None:
         """As `Backend.send`."""
@@ -212,7 +216,7 @@ def _refused(place: FolderBackend) -> Iterator[None]:
         raise InputError(f"shared store {place}: {error}") from error
 
 
-def _holds_assets(folder: Path) -> bool:
+def holds_assets(folder: Path) -> bool:
     """Whether a folder without a marker is a shared store of a release that wrote none."""
     manifests, objects = folder / MANIFESTS, folder / OBJECTS
     if is_real_folder(manifests):

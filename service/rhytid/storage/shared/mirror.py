@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
@@ -19,7 +18,7 @@ from rhytid.errors import (
 from rhytid.storage.canonical import hashed
 from rhytid.storage.homes import ASSET, OVERLAY
 from rhytid.storage.overlays import read_overlay
-from rhytid.storage.shared.shared_store import Report, SharedStore
+from rhytid.storage.shared.shared_store import Report, SharedStore, manifest_digest
 from rhytid.storage.snapshot_index import SnapshotIndex
 from rhytid.storage.store import AssetStore
 from rhytid.storage.unpacked import UnpackedAsset
@@ -150,8 +149,3 @@ class StoreMirror:
     def _noted(self, index: SnapshotIndex) -> bytes:
         digest = manifest_digest(index.encode())
         return hashed({"place": str(self.shared), "manifest": digest})
-
-
-def manifest_digest(data: bytes) -> str:
-    """SHA-256 of a manifest, by which a note or a description names the state that it is of."""
-    return hashlib.sha256(data).hexdigest()

@@ -17,6 +17,7 @@ finds what the other has left, so that no manifest stays without its objects.
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import time
 from collections.abc import Callable
@@ -74,6 +75,11 @@ class SharedStore:
 
     def __str__(self) -> str:
         return str(self._place)
+
+    @property
+    def fresh(self) -> float:
+        """As `Backend.fresh`, of revisions."""
+        return self._place.fresh
 
     def check(self) -> None:
         """Raise SharedStoreError where nothing can be read there, StoreFormatError where a newer
@@ -157,6 +163,12 @@ class SharedStore:
             else:
                 return index
         raise SharedDamageError(f"asset {id} in {self} was replaced {_TRIES} times meanwhile")
+
+    def digest(self, id: str) -> str:
+        """SHA-256 of the manifest of an asset; empty where it is not there."""
+        self._claim()
+        data = self._manifests.read(id)
+        return "" if data is None else manifest_digest(data)
 
     def read(self, index: SnapshotIndex, name: str) -> bytes:
         """A small file of an asset, compared with its SHA-256; raises SharedDamageError where it is
@@ -353,3 +365,8 @@ def _object(id: str, file: StoredFile) -> str:
 def _manifest_name(id: str) -> str:
     """The name of the manifest of an asset."""
     return f"{MANIFESTS}/{checked_id(id)}{_SUFFIX}"
+
+
+def manifest_digest(data: bytes) -> str:
+    """SHA-256 of a manifest, by which a note or a description names the state that it is of."""
+    return hashlib.sha256(data).hexdigest()
