@@ -6,7 +6,7 @@ import json
 import os
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,13 @@ from engine_process.served import await_value
 from rhytid.engine import wanted
 from rhytid.engine.asset_builder import AssetBuilder
 from rhytid.engine.engine import Engine
-from rhytid.errors import CancelledError, DiskFullError, NotFoundError, SharedDamageError
+from rhytid.errors import (
+    CancelledError,
+    DiskFullError,
+    FetchingError,
+    NotFoundError,
+    SharedDamageError,
+)
 from rhytid.fleet.envelopes import ElsewhereError
 from rhytid.fleet.fleet_store import FleetStore
 from rhytid.fleet.frame_sync import FrameSync
@@ -253,26 +259,30 @@ def test_a_snapshot_for_nobody_is_not_left(
 def test_an_asset_that_is_sent_while_it_is_removed_is_whole_or_gone(
     replica: tuple[ReplicaAssets, Engine], tmp_path: Path, place: str, store: FleetStore, first: str
 ) -> None:
-    """Two replicas, one of which ends in between: put beside delete beside a dying process."""
+    """Beside a second replica, which takes the first for gone and goes on with its builds, and is
+    gone itself then."""
     assets, engine = replica
     asset = built(assets, engine)
-    steps: list[Callable[[], object]] = [
-        lambda: assets.delete(asset),
-        lambda: built(assets, engine),
-    ]
+
+    def begin(*steps: Callable[[], object]) -> list[threading.Thread]:
+        threads = [threading.Thread(target=_unless_removed, args=(step,)) for step in steps]
+        for thread in threads:
+            thread.start()
+        return threads
+
+    def keep_using() -> None:
+        for _ in range(20):
+            with others.loaded.using(asset, "me", mend=True):
+                pass
+
     with replica_of(tmp_path, place, "other") as (others, _):
         with others.loaded.using(asset):
             pass
-        threads = [
-            threading.Thread(target=one) for one in (steps if first == "remove" else steps[::-1])
-        ]
-        threads.append(threading.Thread(target=lambda: _ignoring(others, asset)))
-        for thread in threads:
-            thread.start()
-        for thread in threads:
+        steps = [lambda: assets.delete(asset), lambda: built(assets, engine)]
+        for thread in begin(*(steps if first == "remove" else steps[::-1]), keep_using):
             thread.join(60)
+            assert not thread.is_alive()
         rest(engine)
-    # The other is gone. Whatever came last, the asset is whole or not there, for a third one too.
     there = store.assets.ids() == [asset]
     assert not there or store.assets.holds(asset)
     with replica_of(tmp_path, place, "third") as (thirds, third):
@@ -281,7 +291,7 @@ def test_an_asset_that_is_sent_while_it_is_removed_is_whole_or_gone(
         assert states == (["ready"] if there else []) or store.files.uploads()
 
 
-def _ignoring(assets: ReplicaAssets, asset: str) -> None:
-    for _ in range(20):
-        with assets.loaded.using(asset, "me", mend=True):
-            pass
+def _unless_removed(step: Callable[[], object]) -> None:
+    """A call of an asset that is removed meanwhile finds none, or is told to ask again."""
+    with suppress(NotFoundError, FetchingError):
+        step()
