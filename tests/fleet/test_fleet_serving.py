@@ -37,6 +37,7 @@ from rhytid.fleet.ray_engine import RayEngine
 from rhytid.fleet.remote_registry import NAMESPACE, RemoteFrameRegistry
 from rhytid.fleet.router import replica_order
 from rhytid.settings import ServiceSettings
+from rhytid.storage.shared.shared_store import SharedStore
 
 pytestmark = pytest.mark.slow
 TILE = "tiles/1001/0/0/0"
@@ -236,6 +237,60 @@ def test_frames_survive_another_number_of_replicas(fleet: Any, tmp_path: Path) -
     finally:
         serve.delete("again")
         board.end()
+
+
+def test_a_fleet_works_on_a_bucket(
+    fleet: Any, bucket: str, single: httpx.Client, tmp_path: Path
+) -> None:
+    """What `rhytid serve --ray --shared-store s3://...` is, in the Ray that runs already: two
+    replicas, one of which is lost with all that it had on its machine."""
+    settings = replace(ServiceSettings(), store=tmp_path / "store", shared_store=bucket)
+    local = tmp_path / "local"
+    options = FleetOptions(store=settings.store, least=2, most=2, local=local, cpus=0.0)
+    registry, logs = RemoteFrameRegistry("bucket"), {"log_level": "WARNING"}
+    try:
+        serve.run(
+            deployment(settings, options), name="bucket", route_prefix=None, logging_config=logs
+        )
+        handle = serve.get_deployment_handle(REPLICAS, "bucket")
+        with (
+            closing(RayEngine(settings, options, handle, registry)) as engine,
+            serving(engine) as client,
+        ):
+            names = await_value(lambda: len(found := replicas(engine)) == 2 and found)
+            asset = built(client, upload(obj(1.0)))
+            frame = f"/v1/assets/{asset}/frames/smile"
+            client.put(frame, content=npy(smile()), headers=NPY).raise_for_status()
+            client.patch(f"/v1/assets/{asset}", json=LOOKS).raise_for_status()
+            before = tile(client, asset)
+            assert [one["id"] for one in client.get("/v1/assets").json()] == [asset]
+            first, second = replica_order(asset, names)
+            with sent_to(engine, second):
+                assert tile(client, asset).content == before.content
+            os.kill(names[first], signal.SIGKILL)
+            assert tile(client, asset).content == before.content
+            assert client.get(f"/v1/assets/{asset}").json()["settings"]["depth"] == 0.5
+            about = {"Content-Type": "application/x-tar"}
+            path = f"/v1/assets/{asset}/snapshot"
+            snapshot = client.get(path).raise_for_status().content
+            single.post("/v1/snapshots", content=snapshot, headers=about).raise_for_status()
+            assert single.get(path).content == snapshot
+            made = client.get(f"/v1/assets/{asset}/package")
+            if made.status_code == 202:
+                job = made.headers["location"]
+                await_value(lambda: client.get(job).json()["state"] == "done")
+            package = client.get(f"/v1/assets/{asset}/package").raise_for_status()
+            assert zipfile.ZipFile(io.BytesIO(package.content)).testzip() is None
+            assert SharedStore.at(bucket).holds(asset)
+            client.delete(f"/v1/assets/{asset}").raise_for_status()
+            assert client.get("/v1/assets").json() == []
+            assert SharedStore.at(bucket).ids() == []
+            assert client.post("/v1/snapshots", content=snapshot, headers=about).status_code == 201
+            assert client.get(path).content == snapshot
+        assert not settings.store.exists(), "no folder of this machine is needed"
+    finally:
+        serve.delete("bucket")
+        registry.end()
 
 
 def test_a_board_that_nobody_asks_ends_and_another_is_started(fleet: Any) -> None:
