@@ -150,7 +150,7 @@ def test_an_asset_leaves_by_the_rule_of_the_limit_and_comes_back(
         asset = built(engine, new_asset())
         engine.frames.put(asset, "bent", BENT)
         assert not engine.assets.leave(asset), "it was used a moment ago"
-        monkeypatch.setattr("rhytid.engine.local_room.RESTING", 0.0)
+        monkeypatch.setattr("rhytid.engine.local_copies.RESTING", 0.0)
         held = threading.Event()
         done = threading.Event()
 

@@ -59,7 +59,7 @@ class Fleet:
 
 @pytest.fixture
 def fleet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Fleet:
-    monkeypatch.setattr("rhytid.engine.local_room.RESTING", 0.0)
+    monkeypatch.setattr("rhytid.engine.local_copies.RESTING", 0.0)
     return Fleet(tmp_path / "shared")
 
 

@@ -138,7 +138,7 @@ def loaded(
     resumed: list[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> LoadedAssets:
-    monkeypatch.setattr("rhytid.engine.local_room.RESTING", 0.0)
+    monkeypatch.setattr("rhytid.engine.local_copies.RESTING", 0.0)
     return LoadedAssets(engine, store, frames, 2, "me", resumed.append, lambda info: info)
 
 
@@ -169,7 +169,7 @@ def test_the_least_recently_used_leaves(
     use(loaded, b)
     assert engine.heard() == [("fetch", b, "one"), ("leave", d)], "the engine decides"
     engine.stays = set()
-    monkeypatch.setattr("rhytid.engine.local_room.RESTING", 60.0)
+    monkeypatch.setattr("rhytid.engine.local_copies.RESTING", 60.0)
     use(loaded, c)
     assert engine.heard() == [("fetch", c, "one")], "what was used a moment ago stays"
 

@@ -19,7 +19,7 @@ from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.frame_service import FrameService
 from rhytid.engine.jobs import Jobs
-from rhytid.engine.local_room import LocalRoom
+from rhytid.engine.local_copies import LocalCopies
 from rhytid.engine.messages import DeviceInfo, Refusal
 from rhytid.engine.opening import open_device
 from rhytid.engine.packages import PackageService
@@ -158,7 +158,7 @@ class Engine:
         mirror = copies = None
         if shared is not None:
             mirror = StoreMirror(self._store, shared)
-            copies = LocalRoom(
+            copies = LocalCopies(
                 settings.store_limit, mirror, registry, self._store, self._on_device, self.jobs
             )
         return SharedAssets(mirror, registry, restored, self.jobs, copies, in_step=settings.in_step)

@@ -18,7 +18,7 @@ from rhytid.engine.frames import LEFT
 from rhytid.engine.job import Job
 from rhytid.engine.job_lanes import TRANSFERS
 from rhytid.engine.jobs import Jobs
-from rhytid.engine.local_room import LocalRoom
+from rhytid.engine.local_copies import LocalCopies
 from rhytid.engine.restored_assets import RestoredAssets
 from rhytid.engine.shared_calls import SharedCalls
 from rhytid.errors import (
@@ -87,7 +87,7 @@ class SharedAssets:
         registry: AssetRegistry,
         restored: RestoredAssets,
         jobs: Jobs,
-        copies: LocalRoom | None = None,
+        copies: LocalCopies | None = None,
         *,
         in_step: bool = False,
     ) -> None:
@@ -178,12 +178,12 @@ class SharedAssets:
         return True
 
     def take_out(self, asset: Asset) -> None:
-        """As `LocalRoom.take_out`."""
+        """As `LocalCopies.take_out`."""
         assert self._copies is not None
         self._copies.take_out(asset)
 
     def leave(self, asset: Asset) -> bool:
-        """As `LocalRoom.leave`, with its frames; never where there is no shared store."""
+        """As `LocalCopies.leave`, with its frames; never where there is no shared store."""
         return self._copies is not None and self._copies.leave(asset, with_frames=True)
 
     def manifest(self, id: str) -> str:
@@ -264,7 +264,7 @@ class SharedAssets:
 
     def _make_room(self) -> None:
         if self._copies is not None:
-            self._copies.make()
+            self._copies.make_room()
 
 
 def _is_pushed(mirror: StoreMirror, id: str) -> bool:

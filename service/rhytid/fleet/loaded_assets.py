@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 
-from rhytid.engine import local_room
+from rhytid.engine import local_copies
 from rhytid.engine.messages import AssetInfo, FollowedAsset
 from rhytid.engine_process.keyed_locks import KeyedLocks
 from rhytid.engine_process.remote_engine import RemoteEngine
@@ -202,7 +202,7 @@ class LoadedAssets:
     def _trim(self) -> None:
         """Let the least recently used go that is not in use, where there are too many."""
         while len(self._here) > self._most:
-            before = time.monotonic() - local_room.RESTING
+            before = time.monotonic() - local_copies.RESTING
             with self._unused:
                 idle = [
                     name

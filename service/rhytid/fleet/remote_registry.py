@@ -1,21 +1,21 @@
-"""The registry, asked from a thread of an ingress or a replica."""
+"""The frame registry as an actor of Ray, asked from a thread of an ingress or a replica."""
 
 from __future__ import annotations
 
 import logging
 import threading
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Coroutine
 from concurrent.futures import TimeoutError as FutureTimeout
 from contextlib import suppress
-from typing import Any
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import ray
 from ray.exceptions import ActorDiedError, RayError
 
 from rhytid.errors import DeviceLostError
-from rhytid.fleet.frame_registry import PRESENT, FrameRegistry, News, Positions, Report, Stamp
-from rhytid.fleet.frame_versions import Removed
+from rhytid.fleet.frame_registry import PRESENT, FrameRegistry, Positions, Report, Stamp
 
 # Seconds for an answer.
 PATIENCE = 10.0
@@ -23,9 +23,11 @@ PATIENCE = 10.0
 LEFT = 600.0
 # Of the names of registries. The number is that of the calls of `FrameRegistry`: an update of a
 # fleet keeps its registry where both versions of this package have the same.
-NAMESPACE = "rhytid-1"
+NAMESPACE = "rhytid-2"
 # Seconds between two times that the registry is asked.
 LOOK = 1.0
+P = ParamSpec("P")
+T = TypeVar("T")
 _log = logging.getLogger(__name__)
 
 
@@ -57,6 +59,19 @@ class FrameRegistryActor(FrameRegistry):
         ray.kill(ray.get_runtime_context().current_actor)
 
 
+def _call(
+    call: Callable[Concatenate[Any, P], Coroutine[Any, Any, T]],
+) -> Callable[Concatenate[RemoteFrameRegistry, P], T]:
+    """The method that asks the registry what one of `FrameRegistry` answers."""
+
+    @wraps(call)
+    def asked(self: RemoteFrameRegistry, *arguments: P.args, **named: P.kwargs) -> T:
+        found: T = self._ask(call.__name__, *arguments, **named)
+        return found
+
+    return asked
+
+
 class RemoteFrameRegistry:
     """The calls of `FrameRegistry`; each raises DeviceLostError where it does not answer.
 
@@ -73,57 +88,24 @@ class RemoteFrameRegistry:
         self._lock = threading.Lock()
         self._known: Any = None
 
+    missing = _call(FrameRegistry.missing)
+    remove = _call(FrameRegistry.remove)
+    forget = _call(FrameRegistry.forget)
+    remember = _call(FrameRegistry.remember)
+    news = _call(FrameRegistry.news)
+    versions = _call(FrameRegistry.versions)
+    frame = _call(FrameRegistry.frame)
+    report = _call(FrameRegistry.report)
+    reports = _call(FrameRegistry.reports)
+
     def keep(self, asset: str, name: str, positions: Positions, after: int) -> Stamp:
-        """As of `FrameRegistry`."""
+        """As `FrameRegistry.keep`, within the limit."""
         found: Stamp = self._ask("keep", asset, name, positions, self._limit, after)
         return found
 
     def give(self, asset: str, name: str, version: int, positions: Positions) -> str:
-        """As of `FrameRegistry`."""
+        """As `FrameRegistry.give`, within the limit."""
         found: str = self._ask("give", asset, name, version, positions, self._limit)
-        return found
-
-    def missing(self, asset: str, versions: Mapping[str, int]) -> list[str]:
-        """As of `FrameRegistry`."""
-        found: list[str] = self._ask("missing", asset, versions)
-        return found
-
-    def remove(self, asset: str, name: str, after: int) -> int:
-        """As of `FrameRegistry`."""
-        found: int = self._ask("remove", asset, name, after)
-        return found
-
-    def forget(self, asset: str, after: int) -> int:
-        """As of `FrameRegistry`."""
-        found: int = self._ask("forget", asset, after)
-        return found
-
-    def remember(self, removed: Removed) -> None:
-        """As of `FrameRegistry`."""
-        self._ask("remember", removed)
-
-    def news(self, life: str, count: int) -> News:
-        """As of `FrameRegistry`."""
-        found: News = self._ask("news", life, count)
-        return found
-
-    def versions(self, asset: str, names: Collection[str] | None = None) -> dict[str, int]:
-        """As of `FrameRegistry`."""
-        found: dict[str, int] = self._ask("versions", asset, names)
-        return found
-
-    def frame(self, asset: str, name: str) -> tuple[Stamp, Positions | None]:
-        """As of `FrameRegistry`."""
-        found: tuple[Stamp, Positions | None] = self._ask("frame", asset, name)
-        return found
-
-    def report(self, report: Report) -> None:
-        """As of `FrameRegistry`."""
-        self._ask("report", report)
-
-    def reports(self) -> list[Report]:
-        """As of `FrameRegistry`."""
-        found: list[Report] = self._ask("reports")
         return found
 
     def end(self) -> None:
@@ -131,19 +113,19 @@ class RemoteFrameRegistry:
         with suppress(ValueError, RayError):  # there is none
             ray.kill(ray.get_actor(self._application, namespace=NAMESPACE))
 
-    def _ask(self, name: str, *arguments: Any) -> Any:
+    def _ask(self, name: str, *arguments: Any, **named: Any) -> Any:
         try:
             try:
-                return self._asked(name, arguments)
+                return self._asked(name, arguments, named)
             except ActorDiedError:  # it had ended itself; another is started
                 with self._lock:
                     self._known = None
-                return self._asked(name, arguments)
+                return self._asked(name, arguments, named)
         except (RayError, TimeoutError, FutureTimeout) as error:
             raise DeviceLostError("the board of the fleet does not answer; try later") from error
 
-    def _asked(self, name: str, arguments: tuple[Any, ...]) -> Any:
-        answer = getattr(self._registry(), name).remote(*arguments)
+    def _asked(self, name: str, arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:
+        answer = getattr(self._registry(), name).remote(*arguments, **named)
         try:
             return answer.future().result(PATIENCE)
         except (TimeoutError, FutureTimeout):

@@ -63,8 +63,8 @@ class SharedStore:
     Methods raise SharedStoreError where the place cannot be used.
     """
 
-    def __init__(self, place: Backend) -> None:
-        self._place, self._manifests = place, _Manifests(place)
+    def __init__(self, backend: Backend) -> None:
+        self._backend, self._manifests = backend, _Manifests(backend)
         self._claimed = False
         self._seen, self._look_at = drawing_version(), 0.0
 
@@ -74,23 +74,23 @@ class SharedStore:
         return cls(backend_of(text))
 
     def __str__(self) -> str:
-        return str(self._place)
+        return str(self._backend)
 
     @property
     def fresh(self) -> float:
         """As `Backend.fresh`, of revisions."""
-        return self._place.fresh
+        return self._backend.fresh
 
     def check(self) -> None:
         """Raise SharedStoreError where nothing can be read there, StoreFormatError where a newer
         release made it. Says in the log where the server that started last draws otherwise, and
         notes how this one does."""
         self._claim()
-        self._place.check()
+        self._backend.check()
         self._compare_drawing()
         if self._seen != drawing_version():
             with suppress(StorageError, OSError):  # it may be read-only, or full
-                self._place.write(_DRAWING, drawing_version().encode())
+                self._backend.write(_DRAWING, drawing_version().encode())
 
     def ids(self) -> list[str]:
         """Ids of the assets, ascending; none of them is read."""
@@ -104,7 +104,7 @@ class SharedStore:
     def revision(self, id: str) -> str | None:
         """Another once an asset was changed; None where it is not there. Nothing is read."""
         self._claim()
-        found = self._place.find(_manifest_name(id))
+        found = self._backend.find(_manifest_name(id))
         return None if found is None else found.revision
 
     def index(self, id: str) -> SnapshotIndex:
@@ -174,7 +174,7 @@ class SharedStore:
         """A small file of an asset, compared with its SHA-256; raises SharedDamageError where it is
         not what was written."""
         file = index.files[name]
-        data = self._place.read(_object(index.asset, file), file.nbytes)
+        data = self._backend.read(_object(index.asset, file), file.nbytes)
         if data is None or StoredFile.of(data) != file:
             why = "it is missing" if data is None else "it does not have the SHA-256 that names it"
             raise damaged(self, _object(index.asset, file), why)
@@ -196,7 +196,7 @@ class SharedStore:
         for _ in range(_ROUNDS):
             known = self._remove(id) or known
             # One that was written meanwhile names objects that were removed after it.
-            if self._place.find(_manifest_name(id)) is None:
+            if self._backend.find(_manifest_name(id)) is None:
                 break
         else:
             raise SharedStoreError(f"asset {id} is being pushed to {self}")
@@ -204,13 +204,13 @@ class SharedStore:
             raise NotFoundError(f"no asset {id} in the shared store")
 
     def _size(self, name: str) -> int | None:
-        found = self._place.find(name)
+        found = self._backend.find(name)
         return None if found is None else found.nbytes
 
     def _claim(self) -> None:
         """Raise StoreFormatError where a newer release made the shared store; looked at once."""
         if not self._claimed:
-            self._place.claim()
+            self._backend.claim()
             self._claimed = True
 
     def _compare_drawing(self) -> None:
@@ -219,7 +219,7 @@ class SharedStore:
         self._look_at = time.monotonic() + _LOOK
         text = ""
         with suppress(SharedDamageError):
-            data = self._place.read(_DRAWING, _LONGEST_DRAWING)
+            data = self._backend.read(_DRAWING, _LONGEST_DRAWING)
             text = (data or b"").decode(errors="replace")
         if text not in ("", drawing_version(), self._seen):
             _log.warning(
@@ -235,15 +235,15 @@ class SharedStore:
         """Remove the manifest of an asset, then its objects; whether there was a manifest."""
         known = self._manifests.remove(id)
         folder = _object_folder(id)
-        for name in filter(OBJECT.fullmatch, self._place.names(folder)):
-            self._place.remove(f"{folder}/{name}")
+        for name in filter(OBJECT.fullmatch, self._backend.names(folder)):
+            self._backend.remove(f"{folder}/{name}")
         return known
 
     def _completed(self, made: Snapshot) -> bool:
         """Whether objects had to be written again that were removed before the manifest was there.
         The manifest goes where they cannot be."""
         index = made.index
-        there = set(self._place.names(_object_folder(index.asset)))
+        there = set(self._backend.names(_object_folder(index.asset)))
         gone = [name for name, file in index.files.items() if file.sha256 not in there]
         try:
             for name in gone:
@@ -276,12 +276,12 @@ class SharedStore:
             made.check_file(name)
             self._send(index.asset, target, paths[name])
         else:
-            self._place.write(target, overlay)
+            self._backend.write(target, overlay)
         return True
 
     def _send(self, id: str, target: str, source: Path) -> None:
         try:
-            self._place.send(target, source)
+            self._backend.send(target, source)
         except SharedStoreError:
             if not source.exists():  # then it was not the place that failed
                 raise NotFoundError(f"asset {id} was removed while it was pushed") from None
@@ -296,7 +296,7 @@ class SharedStore:
 
     def _fetch(self, name: str, wanted: StoredFile, to: Path) -> None:
         size = self._size(name)  # what is too large is not fetched
-        if size is None or (size == wanted.nbytes and not self._place.fetch(name, to)):
+        if size is None or (size == wanted.nbytes and not self._backend.fetch(name, to)):
             raise _Missing(f"{self}/{name} is missing, and the manifest of the asset names it")
         if size != wanted.nbytes:
             why = f"it has {size} bytes, the manifest says {wanted.nbytes}"
@@ -308,18 +308,18 @@ class SharedStore:
 class _Manifests:
     """The manifests: of each asset the index of its snapshot. One is replaced as a whole."""
 
-    def __init__(self, place: Backend) -> None:
-        self._place = place
+    def __init__(self, backend: Backend) -> None:
+        self._backend = backend
 
     def revisions(self) -> dict[str, str]:
         """The revision of each, by the id of its asset, ascending."""
-        found = self._place.found(MANIFESTS)
+        found = self._backend.found(MANIFESTS)
         named = {name.removesuffix(_SUFFIX): name for name in found if name.endswith(_SUFFIX)}
         return {id: found[name].revision for id, name in named.items() if ID.fullmatch(id)}
 
     def read(self, id: str) -> bytes | None:
         """Its bytes, of which nothing is checked but their number; None where there is none."""
-        return self._place.read(_manifest_name(id), LONGEST_INDEX)
+        return self._backend.read(_manifest_name(id), LONGEST_INDEX)
 
     def decode(self, id: str, data: bytes) -> SnapshotIndex:
         """What the bytes say; raises SharedDamageError, and StoreFormatError where a newer version
@@ -328,14 +328,14 @@ class _Manifests:
         try:
             index = SnapshotIndex.decode(data)
         except SnapshotError as exc:
-            raise damaged(self._place, _manifest_name(id), str(exc)) from exc
+            raise damaged(self._backend, _manifest_name(id), str(exc)) from exc
         if index.asset != id:
-            raise damaged(self._place, _manifest_name(id), f"it is of asset {index.asset}")
+            raise damaged(self._backend, _manifest_name(id), f"it is of asset {index.asset}")
         return index
 
     def check_version(self, id: str, data: bytes) -> None:
         """Raise StoreFormatError where a newer version of rhytid wrote these bytes."""
-        path = Path(f"{self._place}/{_manifest_name(id)}")
+        path = Path(f"{self._backend}/{_manifest_name(id)}")
         value = None
         with suppress(StorageError):  # a damaged one is of no version
             value = parse_hashed(data, path)
@@ -343,11 +343,11 @@ class _Manifests:
 
     def write(self, index: SnapshotIndex) -> None:
         """Write that of an asset, in place of the one that is there."""
-        self._place.write(_manifest_name(index.asset), index.encode())
+        self._backend.write(_manifest_name(index.asset), index.encode())
 
     def remove(self, id: str) -> bool:
         """Remove that of an asset; whether there was one."""
-        return self._place.remove(_manifest_name(id))
+        return self._backend.remove(_manifest_name(id))
 
 
 def _untold(share: float, file: str) -> None:

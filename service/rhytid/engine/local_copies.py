@@ -20,7 +20,7 @@ RESTING = 5.0
 _log = logging.getLogger(__name__)
 
 
-class LocalRoom:
+class LocalCopies:
     """Drops assets from the local store; they are fetched again when they are used.
 
     An asset stays that was changed here and not pushed since, that the shared store has not whole,
@@ -41,7 +41,7 @@ class LocalRoom:
         self._store, self._on_device, self._jobs = store, on_device, jobs
         self._making = threading.Lock()
 
-    def make(self) -> None:
+    def make_room(self) -> None:
         """Drop what may be dropped until the limit holds. What cannot be looked at stays, and so
         does all the rest where the shared store is away."""
         if self.limit is None:
