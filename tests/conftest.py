@@ -15,7 +15,7 @@ from hypothesis import settings
 
 import face_data
 from meshes import SmallMesh, bumpy_grid
-from storage.places import bucket, place, s3
+from storage.backends import bucket, place, s3
 
 if TYPE_CHECKING:
     from rhytid.device.runtime import Device

@@ -25,7 +25,7 @@ def no_device(monkeypatch: pytest.MonkeyPatch) -> None:
 
     # In this order: the second is imported from the first.
     monkeypatch.setattr("rhytid.engine.engine.open_device", opened)
-    monkeypatch.setattr("rhytid.engine.opening.open_device", opened)
+    monkeypatch.setattr("rhytid.engine.engine.open_device", opened)
 
 
 @pytest.mark.usefixtures("no_device")

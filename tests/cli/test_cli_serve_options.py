@@ -42,7 +42,10 @@ def test_several_devices_are_in_processes_of_their_own(
     [
         (("--replicas", "2"), "--replicas is for --ray"),
         (("--ray", "--in-process"), "--ray and --in-process cannot be given together"),
-        (("--ray", "--shared-store", "there"), "a fleet shares the folder of its store, and not"),
+        (
+            ("--ray", "--shared-store", "there"),
+            "shared store there: no such folder; make it, or mount",
+        ),
         (("--ray", "--replicas", "2-1"), "replicas '2-1': a number from 1 on, or two such as 2-8"),
     ],
 )
@@ -57,7 +60,7 @@ def test_options_of_a_fleet_go_together(
 def test_a_fleet_without_ray_names_the_extra(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delitem(sys.modules, "rhytid.fleet.local_fleet", raising=False)
+    monkeypatch.delitem(sys.modules, "rhytid.fleet.app", raising=False)
     monkeypatch.setitem(sys.modules, "ray", None)
     assert main(["serve", "--store", str(tmp_path / "store"), "--ray"]) == 1
     said = capsys.readouterr().err

@@ -22,8 +22,8 @@ from rhytid.storage import AssetStore
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
 from rhytid.support.settings import ServiceSettings
+from storage.backends import new_folder
 from storage.conftest import folder, graph, mesh, settings, store
-from storage.places import new_folder
 
 __all__ = ["folder", "graph", "mesh", "settings", "store"]
 SMALL = ("--resolution", "256", "--wrinkles", "400")
@@ -153,7 +153,7 @@ def test_a_bake_whose_asset_cannot_be_shared_says_so(
     def full(*arguments: object, **named: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("rhytid.storage.shared.folder_place.FolderPlace._install", full)
+    monkeypatch.setattr("rhytid.storage.shared.folder_backend.FolderBackend._install", full)
     bake = ["bake", "--mesh", mesh, "--out", str(maps), *SMALL]
     assert main([*bake, "--shared-store", str(folder)]) == 0
 

@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 import pytest
 
-from rhytid.engine import push_retries
-from rhytid.engine.push_retries import PushRetries
-from rhytid.engine.recent_failures import RecentFailures
+from rhytid.engine import shared_assets
+from rhytid.engine.shared_assets import PushRetries
+from rhytid.engine.shared_calls import RecentFailures
 from rhytid.errors import SharedDamageError
 
 LONG = 10.0
@@ -25,10 +25,10 @@ class Timers:
 
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
         self.started: list[Callable[[], None]] = []
-        patch.setattr(push_retries.threading, "Timer", self)
+        patch.setattr(shared_assets.threading, "Timer", self)
 
     def __call__(self, seconds: float, call: Callable[[], None]) -> Timers:
-        assert seconds == push_retries.PAUSE
+        assert seconds == shared_assets.PAUSE
         self._call = call
         return self
 
@@ -98,7 +98,7 @@ def test_nothing_is_pushed_after_the_end(timers: Timers) -> None:
 
 
 def test_a_timer_pushes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(push_retries, "PAUSE", 0.01)
+    monkeypatch.setattr(shared_assets, "PAUSE", 0.01)
     done = threading.Event()
     PushRetries(lambda id: done.set()).add("a")
     assert done.wait(LONG)

@@ -31,7 +31,7 @@ from rhytid.errors import (
     SharedStoreError,
 )
 from rhytid.storage.shared.shared_store import SharedStore
-from storage.places import new_folder
+from storage.backends import new_folder
 
 T = TypeVar("T")
 FIRST = TileAddress(1001, 0, 0, 0)
@@ -250,7 +250,7 @@ def test_a_shared_store_that_is_away_stops_nobody(folder: Path, tmp_path: Path) 
 def test_what_could_not_be_pushed_is_pushed_later(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rhytid.engine.push_retries.PAUSE", 0.5)
+    monkeypatch.setattr("rhytid.engine.shared_assets.PAUSE", 0.5)
     monkeypatch.setattr("rhytid.engine.shared_calls.FORGOTTEN", 0.1)
     away = tmp_path / "unmounted"
     with running(tmp_path / "a", shared_store=str(folder)) as one:

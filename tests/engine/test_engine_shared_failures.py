@@ -13,10 +13,10 @@ import pytest
 from engine.engines import built, new_asset, rest, running
 from engine.test_engine_shared import LONG, jobs, patiently
 from rhytid.errors import FetchingError, NotFoundError, SharedStoreError, StoreFormatError
-from rhytid.storage.shared.folder_place import FolderPlace
-from rhytid.storage.shared.object_place import ObjectPlace
+from rhytid.storage.shared.bucket_backend import BucketBackend
+from rhytid.storage.shared.folder_backend import FolderBackend
 from rhytid.storage.shared.shared_store import SharedStore
-from storage.places import new_folder
+from storage.backends import new_folder
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def full(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[],
 
     mkdir, partial = Path.mkdir, folder / "partial"
     with monkeypatch.context() as patch:
-        patch.setattr(FolderPlace, "_install", _reached(fails))
+        patch.setattr(FolderBackend, "_install", _reached(fails))
         patch.setattr(
             Path, "mkdir", lambda at, *a, **n: fails() if at == partial else mkdir(at, *a, **n)
         )
@@ -41,7 +41,7 @@ def full(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[],
 
 
 def _reached(call: Callable[..., None]) -> Callable[..., None]:
-    from rhytid.storage.shared.place import reached
+    from rhytid.storage.shared.backend import reached
 
     def within(*arguments: Any) -> None:
         with reached("it cannot be written"):
@@ -53,7 +53,7 @@ def _reached(call: Callable[..., None]) -> Callable[..., None]:
 def test_a_full_disk_stops_no_server_and_loses_no_push(
     folder: Path, tmp_path: Path, full: Callable[[], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rhytid.engine.push_retries.PAUSE", 0.2)
+    monkeypatch.setattr("rhytid.engine.shared_assets.PAUSE", 0.2)
     with running(tmp_path / "a") as engine:
         first = built(engine, new_asset())
     with running(tmp_path / "a", shared_store=str(folder)) as engine:
@@ -124,7 +124,7 @@ def test_what_is_no_id_is_not_found(folder: Path, tmp_path: Path) -> None:
 def test_a_bucket_of_a_newer_release_lets_no_server_start_and_is_left_alone(
     bucket: str, tmp_path: Path
 ) -> None:
-    place, marker = ObjectPlace(bucket), b'{"format": 2, "kind": "rhytid shared store"}'
+    place, marker = BucketBackend(bucket), b'{"format": 2, "kind": "rhytid shared store"}'
     place.write("format.json", marker)
     text = r"was made by a newer release of rhytid \(format 2, this one reads up to 1\)"
     for _ in range(2):  # the local store is free again

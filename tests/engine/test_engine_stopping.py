@@ -21,7 +21,7 @@ from rhytid.engine.job import Job
 from rhytid.engine.messages import JobInfo, NewAsset
 from rhytid.errors import CancelledError, FetchingError
 from rhytid.support import cancellation
-from storage.places import new_folder
+from storage.backends import new_folder
 
 pytestmark = pytest.mark.slow
 # Places that ask whether to go on, of all in a build, at which one is cancelled.

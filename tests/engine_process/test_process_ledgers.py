@@ -66,6 +66,37 @@ def test_a_frame_that_is_being_sent_keeps_no_other() -> None:
     assert len(ledger._sending) == 0
 
 
+@pytest.mark.parametrize("meanwhile", ["sent", "stored", "deleted"])
+def test_a_frame_is_looked_up_again_by_a_thread_that_waited_to_send_it(meanwhile: str) -> None:
+    """Two threads bring a frame to a new process, which gets it once; what was stored or deleted
+    while they waited is not undone."""
+    sent: list[float] = []
+    ledger = FrameLedger(10_000, lambda process, asset, name, found: sent.append(found[0, 0]))
+    ledger.keep("a", "smile", FRAME, ONE, ledger.mark())
+    looked = threading.Barrier(3)
+    lacked = ledger._lacked
+
+    def look(*arguments: Any) -> Any:
+        found = lacked(*arguments)
+        if not waiting.is_set():
+            looked.wait(10)  # both have seen that the process lacks it
+        return found
+
+    waiting = threading.Event()
+    ledger._lacked = look  # type: ignore[method-assign]
+    with ThreadPoolExecutor(2) as pool, ledger.sending("a", "smile"):
+        bringing = [pool.submit(ledger.bring, OTHER, "a", ["smile"]) for _ in range(2)]
+        looked.wait(10)
+        waiting.set()
+        if meanwhile == "stored":
+            ledger.keep("a", "smile", 2 * FRAME, ONE, ledger.mark())
+        elif meanwhile == "deleted":
+            ledger.forget("a", "smile")
+    for one in bringing:
+        one.result(10)
+    assert sent == {"sent": [1.0], "stored": [2.0], "deleted": []}[meanwhile]
+
+
 def test_frames_beyond_the_limit_are_not_kept() -> None:
     ledger = FrameLedger(FRAME.nbytes, lambda *_: None)
     ledger.keep("a", "one", FRAME, ONE, ledger.mark())

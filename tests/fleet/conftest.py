@@ -9,14 +9,18 @@ import httpx
 import pytest
 
 from api.live import serving
+from storage.backends import credentials
 
 
 @pytest.fixture(scope="session")
-def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+def fleet(tmp_path_factory: pytest.TempPathFactory, s3: str) -> Iterator[Any]:
     from fleet.fleets import running_fleet
 
-    with running_fleet(tmp_path_factory.mktemp("fleet")) as made:
-        yield made
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in credentials(s3).items():  # processes of Ray have the environment of now
+            patch.setenv(name, value)
+        with running_fleet(tmp_path_factory.mktemp("fleet")) as made:
+            yield made
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from rhytid.fleet.local_fleet import local_fleet
+from rhytid.fleet.app import local_fleet
 from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.ray_engine import RayEngine
 from rhytid.support.settings import ServiceSettings

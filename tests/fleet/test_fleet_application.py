@@ -17,8 +17,7 @@ from api.patch import upload
 from rhytid.api.keys import READ, new_key, write_keys
 from rhytid.api.request_memory import LAST
 from rhytid.errors import AccessError, DeviceError, SettingsError
-from rhytid.fleet.app import application, asking, deployment, ingress_app
-from rhytid.fleet.local_fleet import local_fleet
+from rhytid.fleet.app import application, asking, deployment, ingress_app, local_fleet
 from rhytid.fleet.options import FleetOptions
 from rhytid.support.settings import ServiceSettings
 

@@ -13,10 +13,9 @@ import pytest
 
 from rhytid.errors import DeviceLostError, FrameMemoryError, NotFoundError
 from rhytid.fleet import frame_sync
-from rhytid.fleet.board import Board
+from rhytid.fleet.frame_registry import FrameRegistry
 from rhytid.fleet.frame_sync import FrameSync
-from rhytid.fleet.frame_versions import FrameVersions
-from rhytid.fleet.removals import MOST, Removals
+from rhytid.fleet.frame_versions import MOST, FrameVersions, Removals
 
 ASSET, OTHER, THIRD = "0123456789abcdef", "1" * 16, "2" * 16
 POSITIONS = np.ones((4, 3), np.float32)
@@ -39,11 +38,11 @@ class LocalBoard:
     """
 
     def __init__(self) -> None:
-        self.board, self.limit = Board(), ROOM
+        self.board, self.limit = FrameRegistry(), ROOM
         self.asked, self.answers, self.given = 0, True, 0
 
     def start_again(self) -> None:
-        self.board = Board()
+        self.board = FrameRegistry()
 
     def __getattr__(self, name: str) -> Any:
         def ask(*arguments: Any) -> Any:
@@ -288,7 +287,7 @@ def test_a_clock_that_is_behind_makes_no_older_versions(
     before = first.put("a")
     first.sync.exchange()
     board.start_again()
-    monkeypatch.setattr("rhytid.fleet.board.time.time_ns", lambda: 1000)
+    monkeypatch.setattr("rhytid.fleet.frame_registry.time.time_ns", lambda: 1000)
     assert first.put("a", 2 * POSITIONS) > before
     first.sync.exchange()
     assert board.put("b") > before

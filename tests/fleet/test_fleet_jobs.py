@@ -12,7 +12,7 @@ import pytest
 
 from rhytid.engine.messages import JobInfo
 from rhytid.errors import DeviceLostError, NotFoundError
-from rhytid.fleet.job_watch import JobWatch
+from rhytid.fleet.jobs import JobWatch
 
 RUNNING = JobInfo("1", "a", "build", "running", 0.5, "", "")
 DONE = replace(RUNNING, state="done")

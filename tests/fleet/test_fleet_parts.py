@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import pickle
 import shutil
 from collections import Counter
 from contextvars import Context
@@ -14,22 +13,20 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from engine.engines import new_asset
 from rhytid.engine.call_context import drawn_live, is_live
 from rhytid.engine.messages import JobInfo
 from rhytid.engine.operations import OPERATIONS
 from rhytid.engine_process.envelope import Answer, Envelope, Request
-from rhytid.errors import NotFoundError, SettingsError, StorageError
-from rhytid.fleet.board import Board
+from rhytid.errors import NotFoundError, SettingsError
 from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.envelopes import Addressed, ElsewhereError, Parcel
+from rhytid.fleet.frame_registry import FrameRegistry
 from rhytid.fleet.frame_versions import FrameVersions
-from rhytid.fleet.job_names import JobName, JobNames, ReplicaNames
-from rhytid.fleet.kept_uploads import read_upload, written_upload
+from rhytid.fleet.jobs import JobName, JobNames, ReplicaNames
 from rhytid.fleet.local_place import LocalPlace
 from rhytid.fleet.options import FleetOptions
-from rhytid.fleet.order import order
 from rhytid.fleet.replica import EngineReplica
+from rhytid.fleet.router import replica_order
 
 ASSET = "0123456789abcdef"
 NAMES = [f"replica{number}" for number in range(10)]
@@ -37,16 +34,16 @@ NAMES = [f"replica{number}" for number in range(10)]
 
 def test_an_asset_stays_where_it_is_when_another_replica_goes() -> None:
     assets = [f"{number:016x}" for number in range(2000)]
-    before = {asset: order(asset, NAMES)[0] for asset in assets}
-    after = {asset: order(asset, NAMES[1:])[0] for asset in assets}
+    before = {asset: replica_order(asset, NAMES)[0] for asset in assets}
+    after = {asset: replica_order(asset, NAMES[1:])[0] for asset in assets}
     moved = [asset for asset in assets if before[asset] != after[asset]]
     assert set(moved) == {asset for asset in assets if before[asset] == NAMES[0]}
     assert max(Counter(before.values()).values()) < 1.4 * len(assets) / len(NAMES)
 
 
 def test_the_second_replica_is_the_first_of_those_that_are_left() -> None:
-    first, second, *_ = order(ASSET, NAMES)
-    assert order(ASSET, [name for name in NAMES if name != first])[0] == second
+    first, second, *_ = replica_order(ASSET, NAMES)
+    assert replica_order(ASSET, [name for name in NAMES if name != first])[0] == second
 
 
 def test_the_id_of_a_job_names_its_replica() -> None:
@@ -77,7 +74,7 @@ def test_an_id_of_a_job_that_the_fleet_has_not_made_is_none(change: tuple[str, s
 def test_the_board_keeps_frames_under_its_budget() -> None:
     async def use() -> None:
         positions = np.ones((10, 3), np.float32)
-        board, limit = Board(), 2 * positions.nbytes
+        board, limit = FrameRegistry(), 2 * positions.nbytes
 
         async def keep(name: str, values: Any) -> int:
             return (await board.keep(ASSET, name, values, limit)).version
@@ -108,35 +105,10 @@ def test_the_board_keeps_frames_under_its_budget() -> None:
 
 def test_a_board_that_starts_again_has_larger_versions() -> None:
     async def use() -> None:
-        before = await Board().remove(ASSET, "a")
-        assert await Board().remove(ASSET, "a", before) > before
+        before = await FrameRegistry().remove(ASSET, "a")
+        assert await FrameRegistry().remove(ASSET, "a", before) > before
 
     asyncio.run(use())
-
-
-def test_an_upload_that_is_kept_comes_back() -> None:
-    new = replace(new_asset(), frames=np.zeros((2, 9, 3), np.float32))
-    data = b"".join(written_upload(new))
-    found = read_upload(data)
-    assert np.array_equal(found.mesh.positions, new.mesh.positions)
-    assert found.settings == new.settings
-    assert found.frames is not None
-    assert found.frames.shape == (2, 9, 3)
-    for wrong in (b"", data[:40], data[:-1000], b"\x00" * len(data)):
-        with pytest.raises(StorageError, match="damaged"):
-            read_upload(wrong)
-
-
-class Harm:
-    def __reduce__(self) -> Any:
-        return print, ("harm",)
-
-
-def test_an_upload_runs_no_code() -> None:
-    body = pickle.dumps(Harm())
-    data = len(body).to_bytes(8, "little") + bytes(8) + body
-    with pytest.raises(StorageError, match="not expected here"):
-        read_upload(data)
 
 
 def test_answers_and_errors_come_back() -> None:

@@ -16,8 +16,7 @@ from ray.serve._private.common import (
 from ray.serve.request_router import PendingRequest
 
 from rhytid.fleet.envelopes import Addressed, Parcel
-from rhytid.fleet.order import order
-from rhytid.fleet.router import AssetRouter
+from rhytid.fleet.router import AssetRouter, replica_order
 
 DEPLOYMENT = DeploymentID("Replicas", "rhytid")
 NAMES = ("one", "two", "three")
@@ -74,7 +73,7 @@ def soon(call: Any) -> Any:
 def test_a_call_goes_to_the_first_replica_and_drawing_to_the_next_where_that_is_full() -> None:
     async def use() -> None:
         asking = Asking()
-        first, second, third = order(ASSET, NAMES)
+        first, second, third = replica_order(ASSET, NAMES)
         assert await soon(asking.name_for()) == first
         assert await soon(asking.name_for(spread=True)) == first
         assert await soon(asking.name_for(to=third)) == third
@@ -92,7 +91,7 @@ def test_a_call_goes_to_the_first_replica_and_drawing_to_the_next_where_that_is_
 def test_calls_that_wait_for_a_full_replica_keep_no_others() -> None:
     async def use() -> None:
         asking = Asking()
-        first, *_, last = order(ASSET, NAMES)
+        first, *_, last = replica_order(ASSET, NAMES)
         asking.fill(first)
         waiting = [asyncio.create_task(asking.name_for()) for _ in range(40)]
         await asyncio.sleep(0.1)

@@ -31,12 +31,12 @@ from engine_process.served import await_value
 from fleet.replicas import replica_of, replicas, sent_to
 from live.speaker import speaking
 from rhytid.errors import DeviceLostError
-from rhytid.fleet.app import REPLICAS, deployment
-from rhytid.fleet.local_fleet import NAME
+from rhytid.fleet.app import NAME, REPLICAS, deployment
 from rhytid.fleet.options import FleetOptions
-from rhytid.fleet.order import order
 from rhytid.fleet.ray_engine import RayEngine
-from rhytid.fleet.remote_board import NAMESPACE, RemoteBoard
+from rhytid.fleet.remote_registry import NAMESPACE, RemoteFrameRegistry
+from rhytid.fleet.router import replica_order
+from rhytid.storage.shared.shared_store import SharedStore
 from rhytid.support.settings import ServiceSettings
 
 pytestmark = pytest.mark.slow
@@ -79,10 +79,10 @@ def test_tiles_are_those_of_the_single_server(
 def test_assets_are_spread_over_the_replicas(fleet: Any, assets: list[str]) -> None:
     names = replicas(fleet)
     assert len(names) == 2
-    assert {order(asset, names)[0] for asset in assets} <= set(names)
+    assert {replica_order(asset, names)[0] for asset in assets} <= set(names)
     for asset in assets:
         job = fleet.assets.calibrate(asset, smile())
-        assert replica_of(job.id) == order(asset, names)[0]
+        assert replica_of(job.id) == replica_order(asset, names)[0]
 
 
 def test_the_other_replica_draws_the_same(fleet: Any, client: httpx.Client) -> None:
@@ -90,7 +90,7 @@ def test_the_other_replica_draws_the_same(fleet: Any, client: httpx.Client) -> N
     asset = built(client, upload(obj(1.07)))
     frame = f"/v1/assets/{asset}/frames/smile"
     client.put(frame, content=npy(smile()), headers=NPY).raise_for_status()
-    other = order(asset, replicas(fleet))[1]
+    other = replica_order(asset, replicas(fleet))[1]
 
     def drawn() -> tuple[bytes, bytes]:
         first = tile(client, asset)
@@ -150,7 +150,7 @@ def test_no_request_is_lost_with_a_replica(fleet: Any, client: httpx.Client) -> 
         client.put(frame, content=npy(smile()), headers=NPY).raise_for_status()
     wanted = {frame: client.get(f"{frame}/{TILE}").raise_for_status().content for frame in frames}
     names = replicas(fleet)
-    victim = order(assets[0], names)[0]
+    victim = replica_order(assets[0], names)[0]
     stopping, answers = threading.Event(), []
 
     def ask(frame: str) -> None:
@@ -199,10 +199,10 @@ def test_frames_survive_the_board_and_then_a_replica(fleet: Any, client: httpx.C
         client.put(frame, content=positions, headers=NPY).raise_for_status()
     wanted = {frame: client.get(f"{frame}/{TILE}").raise_for_status().content for frame in frames}
     kill_board(NAME)
-    board = RemoteBoard(NAME)
+    board = RemoteFrameRegistry(NAME)
     for asset in assets:
         await_value(lambda asset=asset: set(versions_of(board, asset)) == {"f0", "f1", "f2", "f3"})
-    os.kill(names[order(assets[0], names)[0]], signal.SIGKILL)
+    os.kill(names[replica_order(assets[0], names)[0]], signal.SIGKILL)
     answers = {frame: client.get(f"{frame}/{TILE}") for frame in frames}
     assert {answer.status_code for answer in answers.values()} == {200}
     assert {frame: answer.content for frame, answer in answers.items()} == wanted
@@ -211,7 +211,7 @@ def test_frames_survive_the_board_and_then_a_replica(fleet: Any, client: httpx.C
 
 def test_frames_survive_another_number_of_replicas(fleet: Any, tmp_path: Path) -> None:
     """`serve deploy` of other options starts every deployment of the application again."""
-    settings, board = replace(ServiceSettings(), store=tmp_path), RemoteBoard("again")
+    settings, board = replace(ServiceSettings(), store=tmp_path), RemoteFrameRegistry("again")
 
     def deployed(count: int) -> FleetOptions:
         local = tmp_path / "local"
@@ -239,8 +239,62 @@ def test_frames_survive_another_number_of_replicas(fleet: Any, tmp_path: Path) -
         board.end()
 
 
+def test_a_fleet_works_on_a_bucket(
+    fleet: Any, bucket: str, single: httpx.Client, tmp_path: Path
+) -> None:
+    """What `rhytid serve --ray --shared-store s3://...` is, in the Ray that runs already: two
+    replicas, one of which is lost with all that it had on its machine."""
+    settings = replace(ServiceSettings(), store=tmp_path / "store", shared_store=bucket)
+    local = tmp_path / "local"
+    options = FleetOptions(store=settings.store, least=2, most=2, local=local, cpus=0.0)
+    registry, logs = RemoteFrameRegistry("bucket"), {"log_level": "WARNING"}
+    try:
+        serve.run(
+            deployment(settings, options), name="bucket", route_prefix=None, logging_config=logs
+        )
+        handle = serve.get_deployment_handle(REPLICAS, "bucket")
+        with (
+            closing(RayEngine(settings, options, handle, registry)) as engine,
+            serving(engine) as client,
+        ):
+            names = await_value(lambda: len(found := replicas(engine)) == 2 and found)
+            asset = built(client, upload(obj(1.0)))
+            frame = f"/v1/assets/{asset}/frames/smile"
+            client.put(frame, content=npy(smile()), headers=NPY).raise_for_status()
+            client.patch(f"/v1/assets/{asset}", json=LOOKS).raise_for_status()
+            before = tile(client, asset)
+            assert [one["id"] for one in client.get("/v1/assets").json()] == [asset]
+            first, second = replica_order(asset, names)
+            with sent_to(engine, second):
+                assert tile(client, asset).content == before.content
+            os.kill(names[first], signal.SIGKILL)
+            assert tile(client, asset).content == before.content
+            assert client.get(f"/v1/assets/{asset}").json()["settings"]["depth"] == 0.5
+            about = {"Content-Type": "application/x-tar"}
+            path = f"/v1/assets/{asset}/snapshot"
+            snapshot = client.get(path).raise_for_status().content
+            single.post("/v1/snapshots", content=snapshot, headers=about).raise_for_status()
+            assert single.get(path).content == snapshot
+            made = client.get(f"/v1/assets/{asset}/package")
+            if made.status_code == 202:
+                job = made.headers["location"]
+                await_value(lambda: client.get(job).json()["state"] == "done")
+            package = client.get(f"/v1/assets/{asset}/package").raise_for_status()
+            assert zipfile.ZipFile(io.BytesIO(package.content)).testzip() is None
+            assert SharedStore.at(bucket).holds(asset)
+            client.delete(f"/v1/assets/{asset}").raise_for_status()
+            assert client.get("/v1/assets").json() == []
+            assert SharedStore.at(bucket).ids() == []
+            assert client.post("/v1/snapshots", content=snapshot, headers=about).status_code == 201
+            assert client.get(path).content == snapshot
+        assert not settings.store.exists(), "no folder of this machine is needed"
+    finally:
+        serve.delete("bucket")
+        registry.end()
+
+
 def test_a_board_that_nobody_asks_ends_and_another_is_started(fleet: Any) -> None:
-    board = RemoteBoard("left", left=3.0)
+    board = RemoteFrameRegistry("left", left=3.0)
     life = board.news("", 0).life
 
     def has_ended() -> bool:
@@ -261,7 +315,7 @@ def kill_board(application: str) -> None:
     os.kill(ray.get(actor.__ray_call__.remote(lambda board: os.getpid())), signal.SIGKILL)
 
 
-def versions_of(board: RemoteBoard, asset: str) -> dict[str, int]:
+def versions_of(board: RemoteFrameRegistry, asset: str) -> dict[str, int]:
     with suppress(DeviceLostError):  # it starts
         return board.versions(asset)
     return {}

@@ -15,10 +15,10 @@ from typing import Any
 
 from rhytid.errors import SharedStoreError
 from rhytid.storage import AssetStore
-from rhytid.storage.shared import folder_place
+from rhytid.storage.shared import folder_backend
 from rhytid.storage.shared.shared_store import SharedStore
 
-_copy = folder_place.copy_file
+_copy = folder_backend.copy_file
 
 
 def main() -> None:
@@ -38,7 +38,7 @@ def main() -> None:
             left -= 1
             if left < 0 and what == "until":
                 die()
-            folder_place.copy_file = half if left < 0 else _copy  # type: ignore[assignment]
+            folder_backend.copy_file = half if left < 0 else _copy  # type: ignore[assignment]
 
         with store.snapshots.of(id) as made:
             shared.push(made, report)

@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,13 +15,15 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError, StorageError, StoreFormatError
+from rhytid.fleet.fleet_store import FleetStore
 from rhytid.fleet.local_place import LocalPlace
-from rhytid.fleet.shared_folder import SharedFolder
+from rhytid.fleet.options import FleetOptions
 from rhytid.storage import AssetStore
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
 from rhytid.support import ownership
 from rhytid.support.atomic_files import sweep
+from rhytid.support.settings import ServiceSettings
 from rhytid.support.temporary_folders import (
     remove_temporary_folders,
     removed_on_abort,
@@ -60,7 +63,12 @@ def shared(folder: Path) -> None:
 
 
 def fleet(folder: Path) -> None:
-    SharedFolder(folder).sweep()
+    settings = ServiceSettings()
+    if folder.name != "shared":  # named by --shared-store
+        settings = replace(settings, shared_store=str(folder))
+    store = FleetStore.opened(settings, FleetOptions(store=folder.parent))
+    store.assets.check()
+    store.files.sweep()
 
 
 def written(path: Path, text: str = "mine") -> None:
@@ -262,11 +270,12 @@ def test_stores_of_the_last_release_are_opened_and_marked(
         store.put_asset(ID, mesh, graph, settings, EXTRA)
         StoreMirror(store, SharedStore.at(str(place))).push(ID, lambda share, file: None)
         with store.snapshots.of(ID) as made:
-            SharedFolder(folder / "shared").put_snapshot(ID, made)
+            for name in ("assets", "uploads", "packages", "given"):
+                (folder / "shared" / name).mkdir(parents=True)
+            (folder / "shared" / "assets" / f"{ID}.tar").write_bytes(b"".join(made.pieces()))
     marker = folder / "format.json"
     marker.write_bytes(b'{"format":1}')
     (place / "format.json").unlink()
-    (folder / "shared" / "format.json").unlink()
     for partial in (folder / "partial", place / "partial"):
         written(partial / UNIQUE / "half")
         made_long_ago(partial)
@@ -276,11 +285,13 @@ def test_stores_of_the_last_release_are_opened_and_marked(
     again = SharedStore.at(str(place))
     again.check()
     assert again.holds(ID)
-    assert SharedFolder(folder / "shared").ids() == [ID]
+    fleet(folder / "shared")
+    assert SharedStore.at(str(folder / "shared")).holds(ID)
 
     marked = (marker, place / "format.json", folder / "shared" / "format.json")
     assert [json.loads(path.read_bytes()) for path in marked] == [
-        {"format": 1, "kind": f"rhytid {kind}"} for kind in ("store", "shared store", "fleet")
+        {"format": 1, "kind": f"rhytid {kind}"}
+        for kind in ("store", "shared store", "shared store")
     ]
     assert [*(folder / "partial").iterdir(), *(place / "partial").iterdir()] == []
 

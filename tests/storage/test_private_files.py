@@ -14,12 +14,14 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.fleet.fleet_store import FleetStore
 from rhytid.fleet.local_place import LocalPlace
-from rhytid.fleet.shared_folder import SharedFolder
+from rhytid.fleet.options import FleetOptions
 from rhytid.storage import AssetStore
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
 from rhytid.support.atomic_files import atomic_write
+from rhytid.support.settings import ServiceSettings
 
 ID, OTHER = "00112233aabbccdd", "f" * 16
 EXTRA = {"spacing": 0.5, "distance": 0.5, "uv_length": 10.0, "warnings": []}
@@ -159,10 +161,10 @@ def test_what_a_fleet_shares_is_for_its_owner_or_its_group(tmp_path: Path) -> No
         store = tmp_path / f"{mode:o}"
         store.mkdir()
         store.chmod(mode)
-        shared = SharedFolder(store / "shared")
-        shared.put_upload(ID, "me", [b"mesh"])
-        shared.put_settings(ID, {"depth": 1.0})
-        shared.give([b"snapshot"])
+        files = FleetStore.opened(ServiceSettings(), FleetOptions(store=store)).files
+        files.put_upload(ID, "me", [b"mesh"])
+        files.job_key()
+        files.give([b"snapshot"])
         assert modes(store / "shared") == wanted
         assert stat.S_IMODE(store.stat().st_mode) == mode
 

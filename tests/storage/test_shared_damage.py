@@ -24,12 +24,12 @@ from rhytid.errors import (
 )
 from rhytid.storage import AssetStore
 from rhytid.storage.canonical import hashed
-from rhytid.storage.shared.folder_place import FolderPlace
+from rhytid.storage.shared.bucket_backend import BucketBackend
+from rhytid.storage.shared.folder_backend import FolderBackend
 from rhytid.storage.shared.mirror import StoreMirror
-from rhytid.storage.shared.object_place import ObjectPlace
 from rhytid.storage.shared.shared_store import SharedStore
+from storage.backends import new_folder
 from storage.disk import Disk, PowerCutError
-from storage.places import new_folder
 from storage.test_shared_store import EXTRA, ID, fetch, quiet, taken
 
 MANIFEST = f"manifests/{ID}.json"
@@ -166,7 +166,7 @@ def test_an_asset_is_removed_from_a_bucket(store: AssetStore, pushed: Path, buck
 
     mirror.shared.remove(ID)
 
-    place = ObjectPlace(bucket)
+    place = BucketBackend(bucket)
     assert (place.names("manifests"), place.names(f"objects/{ID}")) == ([], [])
 
 
@@ -235,7 +235,7 @@ def test_a_folder_that_is_removed_beside_a_push_does_not_keep_it(
     gone: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As another machine removes the asset, at the worst of moments."""
-    place, tries = FolderPlace(new_folder(tmp_path)), 0
+    place, tries = FolderBackend(new_folder(tmp_path)), 0
     place.check()
 
     def install(aside: Path, path: Path) -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -15,7 +18,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import NotFoundError, SharedDamageError, SharedStoreError
 from rhytid.storage import AssetStore
-from rhytid.storage.shared.folder_place import FolderPlace
+from rhytid.storage.shared.folder_backend import FolderBackend
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
 
@@ -24,7 +27,7 @@ MANIFEST = f"manifests/{ID}.json"
 EXTRA = {"spacing": 0.5, "distance": 0.5, "uv_length": 10.0, "warnings": []}
 
 
-class Watched(FolderPlace):
+class Watched(FolderBackend):
     """A place that does something else once, before the nth call of a method with such a name."""
 
     def __init__(self, folder: Path) -> None:
@@ -196,3 +199,37 @@ def test_only_plain_files_of_a_bounded_length_are_read(
         assert is_whole_or_gone(damaged)
     if path.is_fifo():
         path.unlink()
+
+
+@pytest.mark.parametrize("step", range(5))
+def test_a_process_that_ends_within_a_push_beside_a_removal_leaves_nothing_that_stays_broken(
+    step: int, built: AssetStore, tmp_path: Path
+) -> None:
+    """The removal comes where the writer ends: before each file, and before the manifest."""
+    place, folder = tmp_path / "place", tmp_path / "writer"
+    place.mkdir()
+    shared = SharedStore.at(str(place))
+    push(built, shared)
+    with built.snapshots.of(ID) as made, AssetStore(folder) as other:
+        (tmp_path / "face.tar").write_bytes(b"".join(made.pieces()))
+        other.snapshots.restore(tmp_path / "face.tar")
+    built.put_overlay(ID, built.asset(ID).settings.with_r_max(0.3))
+    script = Path(__file__).with_name("shared_writer.py")
+    writer = subprocess.Popen(
+        [sys.executable, script, folder, place, ID, "until", str(step)],
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},
+    )
+    while writer.poll() is None:
+        with suppress(NotFoundError):
+            shared.remove(ID)
+    assert writer.returncode == -signal.SIGKILL
+    with AssetStore(tmp_path / "reader") as reader:
+        mirror = StoreMirror(reader, shared)
+        # Not there, or half of it, which is said and not taken.
+        with pytest.raises((NotFoundError, SharedDamageError), match=r"no asset|is missing"):
+            mirror.bring(ID, quiet)
+        assert not mirror.has(ID)
+    push(built, shared)
+    assert is_whole_or_gone(shared), "the next push completes it"
+    shared.remove(ID)
+    assert not list(place.glob("objects/*/*")), "a removal takes what the ended process left"

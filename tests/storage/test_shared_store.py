@@ -23,7 +23,7 @@ from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
 from rhytid.storage.snapshots import Snapshot
 from storage import shared_writer
-from storage.places import new_folder
+from storage.backends import new_folder
 
 ID = "00112233aabbccdd"
 EXTRA = {"spacing": 0.5, "distance": 0.5, "uv_length": 10.0, "warnings": []}
@@ -248,13 +248,13 @@ def test_how_others_draw_is_looked_at_now_and_then(place: str, filled: AssetStor
     """Not with each manifest, which would take twice as long."""
     shared = SharedStore.at(place)
     StoreMirror(filled, shared).push(ID, quiet)
-    read, names = shared._place.read, list[str]()
+    read, names = shared._backend.read, list[str]()
 
     def noted(name: str, most: int) -> bytes | None:
         names.append(name)
         return read(name, most)
 
-    shared._place.read = noted  # type: ignore[method-assign]
+    shared._backend.read = noted  # type: ignore[method-assign]
     for _ in range(5):
         shared.index(ID)
     assert names.count("drawing") == 1

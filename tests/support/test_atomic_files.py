@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from rhytid.storage.shared.folder_place import FolderPlace
+from rhytid.storage.shared.folder_backend import FolderBackend
 from rhytid.support.atomic_files import atomic_write, sweep
 from storage.leftovers import left_by_a_killed_writer
 
@@ -65,9 +65,9 @@ def test_what_nobody_writes_any_more_is_removed_at_once(tmp_path: Path) -> None:
 PLACER = """
 import os, signal, sys
 from pathlib import Path
-from rhytid.storage.shared import folder_place
-folder_place.write_file = lambda aside, data: os.kill(os.getpid(), signal.SIGKILL)
-folder_place.FolderPlace(Path(sys.argv[1])).write("objects/a", b"a")
+from rhytid.storage.shared import folder_backend
+folder_backend.write_file = lambda aside, data: os.kill(os.getpid(), signal.SIGKILL)
+folder_backend.FolderBackend(Path(sys.argv[1])).write("objects/a", b"a")
 """
 
 
@@ -75,9 +75,9 @@ def test_what_a_killed_writer_left_in_a_shared_store_is_swept(tmp_path: Path) ->
     ended = subprocess.run([sys.executable, "-c", PLACER, str(tmp_path)])
     assert ended.returncode == -signal.SIGKILL
     [left] = (tmp_path / "partial").iterdir()
-    FolderPlace(tmp_path).check()
+    FolderBackend(tmp_path).check()
     assert left.exists()
     days = left.stat().st_mtime - 25 * 3600
     os.utime(left, (days, days))
-    FolderPlace(tmp_path).check()
+    FolderBackend(tmp_path).check()
     assert not left.exists()

@@ -139,12 +139,11 @@ def _fleet_of(
     if arguments.in_process:
         raise InputError("--ray and --in-process cannot be given together")
     # Beside the packages of the extra, Ray takes a while to import.
-    from rhytid.fleet.options import FleetOptions, check_settings
+    from rhytid.fleet.options import FleetOptions
 
-    check_settings(settings)
     options = FleetOptions.read({"store": settings.store, "replicas": arguments.replicas or "1"})
     try:
-        from rhytid.fleet.local_fleet import local_fleet
+        from rhytid.fleet.app import local_fleet
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] == "rhytid":
             raise

@@ -21,7 +21,7 @@ from rhytid.engine.assets.stored import StoredAssets
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.frame_service import FrameService
 from rhytid.engine.jobs import Jobs
-from rhytid.engine.local_room import LocalRoom
+from rhytid.engine.local_copies import LocalCopies
 from rhytid.engine.messages import DeviceInfo, Refusal
 from rhytid.engine.packages import PackageService
 from rhytid.engine.restored_assets import RestoredAssets
@@ -158,14 +158,13 @@ class Engine:
         restored: RestoredAssets,
     ) -> SharedAssets:
         """The assets of the shared store, if there is one, with the limit of the local store."""
-        mirror = room = None
+        mirror = copies = None
         if shared is not None:
             mirror = StoreMirror(self._store, shared)
-            if settings.store_limit is not None:
-                room = LocalRoom(
-                    settings.store_limit, mirror, registry, self._store, self._on_device, self.jobs
-                )
-        return SharedAssets(mirror, registry, restored, self.jobs, room)
+            copies = LocalCopies(
+                settings.store_limit, mirror, registry, self._store, self._on_device, self.jobs
+            )
+        return SharedAssets(mirror, registry, restored, self.jobs, copies, in_step=settings.in_step)
 
     def _probe(self) -> bool:
         """Launch the kernel that devices are tried with, and check what it wrote."""

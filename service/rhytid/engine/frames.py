@@ -197,10 +197,13 @@ class Frames:
             self._memory.change(-sum(self._bytes(name) for name in self._frames))
             self._frames.clear()
 
-    def leave(self) -> bool:
+    def leave(self, *, anyway: bool = False) -> bool:
         """Store no more, because the asset leaves this machine. Returns False, and does nothing,
-        where there is a frame."""
+        where there is a frame.  anyway: its frames go with it."""
         with self._lock:
+            if anyway:
+                self._memory.change(-sum(self._bytes(name) for name in self._frames))
+                self._frames.clear()
             self._left = not self._frames
             return self._left
 

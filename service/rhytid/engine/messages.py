@@ -184,6 +184,19 @@ class AssetInfo:
 
 
 @dataclass(frozen=True)
+class FollowedAsset:
+    """An asset that is as the shared store has it, or builds.
+
+    manifest: SHA-256 of the manifest that says the same of it; empty where it is not ready.
+    replaced: whether it was fetched anew: it has no frames then.
+    """
+
+    info: AssetInfo
+    manifest: str
+    replaced: bool
+
+
+@dataclass(frozen=True)
 class JobInfo:
     """Long work.
 

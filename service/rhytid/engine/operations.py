@@ -33,6 +33,7 @@ from rhytid.engine.messages import (
     AssetInfo,
     DeviceInfo,
     DrawnTile,
+    FollowedAsset,
     FrameInfo,
     FrameStretch,
     JobInfo,
@@ -46,7 +47,8 @@ from rhytid.storage.snapshots import Readable, Snapshot
 # What the first arguments of an operation name: nothing, every asset, the content that makes an
 # asset, an asset, all frames of an asset, a frame of an asset, a job.
 Addressed = Literal["engine", "assets", "content", "asset", "frames", "frame", "job"]
-Effect = Literal["read", "create", "change", "remove"]
+# `drop`: the local copy of an asset may go; the answer says whether it did.
+Effect = Literal["read", "create", "change", "remove", "drop"]
 Method = TypeVar("Method", bound=Callable[..., Any])
 
 
@@ -169,6 +171,21 @@ class Assets(Protocol):
         shared: from the shared store, too, where it may be alone; otherwise it stays there. Raises
         QueryError where there is none.
         """
+
+    @operation("asset", "drop")
+    def follow(self, asset: str, *, replace: bool) -> FollowedAsset | None:
+        """Have an asset as the shared store has it, where another machine has changed it there. One
+        that builds, or was changed here and not pushed since, stays as it is.
+
+        None, and nothing is done, where more than its settings differs, unless `replace`: then it
+        is fetched anew, without its frames. Raises NotFoundError where it was removed there, and
+        removes it here then; what the shared store raises.
+        """
+
+    @operation("asset", "drop")
+    def leave(self, asset: str) -> bool:
+        """Drop an asset and its frames from this machine, where the shared store has it whole and
+        nobody uses it; whether it is not here now."""
 
     @operation("asset")
     def content(self, asset: str) -> AssetContent:

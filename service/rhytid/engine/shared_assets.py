@@ -5,15 +5,17 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.assets.asset import Asset, AssetRegistry
 from rhytid.engine.frames import LEFT
 from rhytid.engine.job import Job
 from rhytid.engine.jobs import TRANSFERS, Jobs
-from rhytid.engine.local_room import LocalRoom
-from rhytid.engine.push_retries import PushRetries
+from rhytid.engine.local_copies import LocalCopies
 from rhytid.engine.restored_assets import RestoredAssets
 from rhytid.engine.shared_calls import SharedCalls
 from rhytid.errors import (
@@ -31,28 +33,50 @@ from rhytid.errors import (
 from rhytid.storage.homes import ID
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import Report
+from rhytid.storage.snapshots import SnapshotIndex
+from rhytid.support import cancellation
 
 # Seconds that a caller waits for an asset before it is told to ask again, and that a removal waits
 # for a transfer to end.
 PATIENCE, _ENDING = 1.0, 10.0
+# The same for a caller where machines go in step, and seconds between two looks whether it still
+# waits.
+_IN_STEP, _LOOK = 60.0, 0.5
+# Seconds after which a push that failed is tried again.
+PAUSE = 60.0
 # What may have passed when a push is tried again.
 _PASSING = (SharedStoreError, DiskFullError, TooManyFilesError)
 _log = logging.getLogger(__name__)
 
 
 @dataclass
-class _Fetch:
-    """The job that fetches an asset, and what it failed with."""
+class _Transfer:
+    """The job that fetches or pushes an asset, and what it failed with."""
 
     job: Job = field(init=False)
     error: BaseException | None = None
+
+    @contextmanager
+    def failing(self) -> Iterator[None]:
+        """The block is the work of the job."""
+        try:
+            yield
+        except BaseException as error:
+            self.error = error
+            raise
+
+    def check(self) -> None:
+        """Raise what the job failed with, if it did; not that itself, which holds what was read."""
+        if self.error is not None:
+            raise type(self.error)(*self.error.args)
 
 
 class SharedAssets:
     """Pushes assets to a shared store and fetches them from it.
 
     mirror: the local store beside the shared one; None: there is none, nothing is pushed and
-    nothing is found.  room: what keeps the local store below a limit, if there is one.
+    nothing is found.  copies: what is dropped of the local store; None as the mirror.
+    in_step: `ServiceSettings.in_step`.
     """
 
     def __init__(
@@ -61,13 +85,15 @@ class SharedAssets:
         registry: AssetRegistry,
         restored: RestoredAssets,
         jobs: Jobs,
-        room: LocalRoom | None = None,
+        copies: LocalCopies | None = None,
+        *,
+        in_step: bool = False,
     ) -> None:
         self._calls = None if mirror is None else SharedCalls(mirror)
         self._assets, self._restored = registry, restored
-        self._jobs, self._room = jobs, room
+        self._jobs, self._copies, self._in_step = jobs, copies, in_step
         self._lock = threading.Lock()
-        self._fetches: dict[str, _Fetch] = {}
+        self._fetches: dict[str, _Transfer] = {}
         self._retries = PushRetries(self.push)
 
     def open(self) -> None:
@@ -93,9 +119,18 @@ class SharedAssets:
 
     def push(self, id: str) -> Job | None:
         """Write a ready asset to the shared store, as a job; None where there is no such store."""
+        return None if self._calls is None else self._pushing(self._calls, id).job
+
+    def share(self, id: str) -> None:
+        """Push a ready asset. Where machines go in step, wait until the shared store has it; raises
+        what the push fails with then."""
         if self._calls is None:
-            return None
-        return self._jobs.start("push", id, partial(self._push, self._calls, id), always=True)
+            return
+        pushing = self._pushing(self._calls, id)
+        if self._in_step:
+            while not pushing.job.wait(_LOOK):
+                cancellation.check()
+            pushing.check()
 
     def get(self, id: str) -> Asset:
         """An asset that was not here, fetched from the shared store.
@@ -106,7 +141,7 @@ class SharedAssets:
         if self._calls is None or not ID.fullmatch(id):
             raise NotFoundError(f"no asset {id!r}")
         fetch = self._fetch_of(self._calls, id)
-        if not fetch.job.wait(PATIENCE):
+        if not fetch.job.wait(_IN_STEP if self._in_step else PATIENCE):
             raise FetchingError(
                 f"asset {id} is being fetched from the shared store (job {fetch.job.info.id})"
             )
@@ -114,8 +149,44 @@ class SharedAssets:
             return found
         if fetch.job.info.state == "done":
             raise FetchingError(LEFT)
-        error = fetch.error or CancelledError(f"fetching asset {id} was cancelled")
-        raise type(error)(*error.args)
+        fetch.check()
+        raise CancelledError(f"fetching asset {id} was cancelled")
+
+    def look_anew(self, id: str) -> None:
+        """What the shared store has of an asset may be another by now: it is looked for again."""
+        if self._calls is not None:
+            self._calls.forget(id)
+
+    def newer(self, id: str) -> SnapshotIndex | None:
+        """As `StoreMirror.newer`; None where there is no shared store."""
+        return None if self._calls is None else self._calls.newer(id)
+
+    def take_newer(
+        self, asset: Asset, there: SnapshotIndex, use: Callable[[AssetSettings], None]
+    ) -> bool:
+        """Give an asset, whose lock is held, the settings that the shared store has of it; False
+        where more than they differ.  use: gives it settings."""
+        assert self._calls is not None
+        found = self._calls.newer_settings(there)
+        if found is None:
+            return False
+        settings, data = found
+        use(settings)
+        self._calls.mirror.take_settings(there, data)
+        return True
+
+    def take_out(self, asset: Asset) -> None:
+        """As `LocalCopies.take_out`."""
+        assert self._copies is not None
+        self._copies.take_out(asset)
+
+    def leave(self, asset: Asset) -> bool:
+        """As `LocalCopies.leave`, with its frames; never where there is no shared store."""
+        return self._copies is not None and self._copies.leave(asset, with_frames=True)
+
+    def manifest(self, id: str) -> str:
+        """As `StoreMirror.digest`; empty where there is no shared store."""
+        return "" if self._calls is None else self._calls.mirror.digest(id)
 
     def take(self, job: Job, asset: Asset) -> bool:
         """Make an asset that is to be built ready by fetching it; False where that is not possible,
@@ -132,7 +203,7 @@ class SharedAssets:
         except (SharedStoreError, SharedDamageError, StoreFormatError) as error:
             _log.error("asset %s is built: %s", asset.id, error)
             return False
-        if not whole or self._room is not None:
+        if not whole or (self._copies is not None and self._copies.limit is not None):
             self.push(asset.id)  # which makes room, too, where builds do not wait for it
         return True
 
@@ -147,18 +218,25 @@ class SharedAssets:
                 job.wait(_ENDING)
         self._calls.remove(id)
 
-    def _push(self, calls: SharedCalls, id: str, job: Job) -> None:
-        try:
-            calls.push(id, _report(job, "pushing"))
-        except _PASSING:
-            self._retries.add(id)
-            raise
-        except NotFoundError as error:
-            raise CancelledError(f"asset {id} was removed") from error
+    def _pushing(self, calls: SharedCalls, id: str) -> _Transfer:
+        pushing = _Transfer()
+        work = partial(self._push, calls, id, pushing)
+        pushing.job = self._jobs.start("push", id, work, always=True)
+        return pushing
+
+    def _push(self, calls: SharedCalls, id: str, pushing: _Transfer, job: Job) -> None:
+        with pushing.failing():
+            try:
+                calls.push(id, _report(job, "pushing"))
+            except _PASSING:
+                self._retries.add(id)
+                raise
+            except NotFoundError as error:
+                raise CancelledError(f"asset {id} was removed") from error
         self._retries.went_well()
         self._make_room()
 
-    def _fetch_of(self, calls: SharedCalls, id: str) -> _Fetch:
+    def _fetch_of(self, calls: SharedCalls, id: str) -> _Transfer:
         """The job that fetches an asset: one that does already, or a new one."""
         with self._lock:
             if (known := self._fetches.get(id)) is not None:
@@ -167,7 +245,7 @@ class SharedAssets:
         with self._lock:
             if (known := self._fetches.get(id)) is not None:
                 return known
-            fetch = _Fetch()
+            fetch = _Transfer()
             fetch.job = self._jobs.start("fetch", id, partial(self._fetch, calls, id, fetch))
             self._fetches[id] = fetch
         fetch.job.when_ended(lambda: self._ended(id))
@@ -176,18 +254,15 @@ class SharedAssets:
     def _ended(self, id: str) -> None:
         self._fetches.pop(id, None)
 
-    def _fetch(self, calls: SharedCalls, id: str, fetch: _Fetch, job: Job) -> None:
-        try:
+    def _fetch(self, calls: SharedCalls, id: str, fetch: _Transfer, job: Job) -> None:
+        with fetch.failing():
             with calls.fetched(id, _report(job, "fetching")) as unpacked:
                 self._restored.register(unpacked, calls.mirror.take)
             self._make_room()
-        except BaseException as error:
-            fetch.error = error
-            raise
 
     def _make_room(self) -> None:
-        if self._room is not None:
-            self._room.make()
+        if self._copies is not None:
+            self._copies.make_room()
 
 
 def _is_pushed(mirror: StoreMirror, id: str) -> bool:
@@ -202,3 +277,57 @@ def _is_pushed(mirror: StoreMirror, id: str) -> bool:
 def _report(job: Job, stage: str) -> Report:
     """Tells a job how far a transfer is; raises CancelledError where it is cancelled."""
     return lambda share, file: job.progress(share, stage, file)
+
+
+class PushRetries:
+    """Assets that wait to be pushed again, by id.  push: begins to push one.
+
+    After a pause one of them is tried; once a push went well, the others follow. So a shared store
+    that is away for long is asked once in a pause, whatever waits for it.
+    """
+
+    def __init__(self, push: Callable[[str], object]) -> None:
+        self._push, self._lock = push, threading.Lock()
+        # In the order in which they came.
+        self._waiting: dict[str, None] = {}
+        self._timer: threading.Timer | None = None
+        self._closed = False
+
+    def add(self, id: str) -> None:
+        """Push an asset again after a pause."""
+        with self._lock:
+            self._waiting[id] = None
+            self._wait()
+
+    def went_well(self) -> None:
+        """A push did: begin those that wait."""
+        with self._lock:
+            ids, self._waiting = self._waiting, {}
+            if self._closed:
+                return
+        for id in ids:
+            self._push(id)
+
+    def close(self) -> None:
+        """Push nothing more."""
+        with self._lock:
+            self._closed = True
+            if self._timer is not None:
+                self._timer.cancel()
+
+    def _wait(self) -> None:
+        if self._timer is None and not self._closed:
+            self._timer = threading.Timer(PAUSE, self._again)
+            self._timer.daemon = True
+            self._timer.start()
+
+    def _again(self) -> None:
+        with self._lock:
+            self._timer = None
+            if self._closed or not self._waiting:
+                return
+            id = next(iter(self._waiting))
+            del self._waiting[id]
+            if self._waiting:
+                self._wait()  # this one may be gone, and tell nothing of the store
+        self._push(id)

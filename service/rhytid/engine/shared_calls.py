@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import threading
+import time
+from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from rhytid.engine.recent_failures import RecentFailures
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import (
     CancelledError,
     FetchingError,
@@ -17,6 +19,7 @@ from rhytid.errors import (
 from rhytid.storage.asset_snapshots import UnpackedAsset
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import Report
+from rhytid.storage.snapshots import SnapshotIndex
 
 # Seconds that what was not found is not looked for again, and that a caller waits for its turn.
 FORGOTTEN, TURN = 2.0, 1.0
@@ -25,6 +28,10 @@ FORGOTTEN, TURN = 2.0, 1.0
 _AT_ONCE = 4
 # Under which the failure of the whole store is remembered.
 _STORE = ""
+# Failures that are remembered.
+_REMEMBERED = 1000
+# Until when it is remembered, and what it is made of.
+_Failure = tuple[float, type[RhytidError], tuple[object, ...]]
 
 
 class SharedCalls:
@@ -48,6 +55,17 @@ class SharedCalls:
         self._failures.check(id)
         with _turn(self._looking, id), self._noting(id):
             self.mirror.shared.index(id)
+
+    def newer(self, id: str) -> SnapshotIndex | None:
+        """As `StoreMirror.newer`."""
+        self.check()
+        with self._watching(id):
+            return self.mirror.newer(id)
+
+    def newer_settings(self, there: SnapshotIndex) -> tuple[AssetSettings, bytes] | None:
+        """As `StoreMirror.newer_settings`."""
+        with self._watching(there.asset):
+            return self.mirror.newer_settings(there)
 
     def remove(self, id: str) -> None:
         """Remove an asset there; raises what `SharedStore.remove` does, and FetchingError where too
@@ -112,3 +130,34 @@ def _turn(turns: threading.Semaphore, id: str) -> Iterator[None]:
         yield
     finally:
         turns.release()
+
+
+class RecentFailures:
+    """Errors by key, for so many seconds each; a thousand at most."""
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds, self._lock = seconds, threading.Lock()
+        self._errors: OrderedDict[str, _Failure] = OrderedDict()
+
+    def add(self, key: str, error: RhytidError) -> None:
+        """Remember that this failed just now."""
+        with self._lock:
+            # Not the error: its frames would keep what was being read, an asset for one.
+            self._errors[key] = (time.monotonic() + self._seconds, type(error), error.args)
+            self._errors.move_to_end(key)
+            while len(self._errors) > _REMEMBERED:
+                self._errors.popitem(last=False)
+
+    def check(self, key: str) -> None:
+        """Raise what it failed with, where it did a moment ago."""
+        with self._lock:
+            until, kind, about = self._errors.get(key, (0.0, RhytidError, ()))
+            if time.monotonic() >= until:
+                self._errors.pop(key, None)
+                return
+        raise kind(*about)
+
+    def forget(self, key: str) -> None:
+        """It may be tried again."""
+        with self._lock:
+            self._errors.pop(key, None)

@@ -37,5 +37,5 @@ class SnapshotService:
         with self._store.snapshots.unpacked(stream, nbytes) as unpacked:
             asset, new = self._restored.register(unpacked, self._store.snapshots.install)
             if new:
-                self._shared.push(asset.id)
+                self._shared.share(asset.id)
             return asset.info(), new

@@ -16,7 +16,7 @@ from rhytid.domain.frame import counted_frame
 from rhytid.engine import call_context
 from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.engine.frames import Frame, UnknownFrameError
-from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
+from rhytid.engine.messages import AssetInfo, FollowedAsset, JobInfo, NewAsset
 from rhytid.engine.operations import OPERATIONS, Operation
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.envelope import Envelope, Request, Transport
@@ -98,6 +98,7 @@ class RemoteCalls:
             ("content", "create"): self._create,
             ("asset", "change"): self._change,
             ("asset", "remove"): self._remove,
+            ("asset", "drop"): self._drop,
             ("frames", "read"): self._read_frames,
             ("frame", "read"): self._read_frames,
             ("frame", "change"): self._put_frame,
@@ -172,6 +173,14 @@ class RemoteCalls:
         for key in [key for key in list(self._constants) if key[1] == asset]:
             self._constants.pop(key, None)
         self._transport.forget(asset)
+
+    def _drop(self, request: Request) -> Any:
+        answer = self._transport.call(request)
+        if answer is True or (isinstance(answer, FollowedAsset) and answer.replaced):
+            # The process has the asset no more, or another in its place, without frames.
+            self._frames.forget(request.asset)
+        self._transport.forget(request.asset)
+        return answer
 
     def _create(self, request: Request) -> Any:
         """A new asset. What a process of this machine has of its frames is kept, and their bytes

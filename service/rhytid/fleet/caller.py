@@ -19,7 +19,7 @@ from rhytid.engine_process.envelope import Answer, Request
 from rhytid.errors import BusyError, CancelledError, DeviceLostError
 from rhytid.fleet.envelopes import Addressed, ElsewhereError
 from rhytid.fleet.frame_versions import FrameVersions
-from rhytid.fleet.job_names import JobNames
+from rhytid.fleet.jobs import JobNames
 from rhytid.storage.homes import checked_id
 
 # How often a call is made in all, where its replica is lost each time.

@@ -1,4 +1,4 @@
-"""Frames of the board that a replica lacks, and those that the board lacks."""
+"""Frames of the registry that a replica lacks, and those that the registry lacks."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from rhytid.domain.frame import NEUTRAL
 from rhytid.engine.operations import Frames
 from rhytid.engine_process.keyed_locks import KeyedLocks
 from rhytid.errors import ConflictError, DeviceLostError, FrameMemoryError, NotFoundError
-from rhytid.fleet.board import Positions, Stamp
-from rhytid.fleet.remote_board import RemoteBoard
-from rhytid.fleet.removals import ALL, Removals
+from rhytid.fleet.frame_registry import Positions, Stamp
+from rhytid.fleet.frame_versions import ALL, Removals
+from rhytid.fleet.remote_registry import RemoteFrameRegistry
 
-# Seconds for which what the board has said of an asset is taken as it was.
+# Seconds for which what the registry has said of an asset is taken as it was.
 FRESH = 1.0
-# Seconds for which a board that did not answer is asked nothing: each call would wait for it.
+# Seconds for which a registry that did not answer is asked nothing: each call would wait for it.
 AWAY = 3.0
 # Seconds after which a frame that nobody used may go where there is no room.
 IDLE = 60.0
@@ -28,8 +28,8 @@ T = TypeVar("T")
 _log = logging.getLogger(__name__)
 
 
-class BoardFullError(FrameMemoryError):
-    """The board has no room for a frame; what a replica drops makes none."""
+class RegistryFullError(FrameMemoryError):
+    """The registry has no room for a frame; what a replica drops makes none."""
 
     def __init__(self, asset: str, name: str) -> None:
         super().__init__(
@@ -45,8 +45,8 @@ class BoardFullError(FrameMemoryError):
 class _Held:
     """A frame that the engine has.
 
-    stamp: of the board that has it, too; its life is empty where none has.  looked: when the engine
-    had it as the board had it.
+    stamp: of the registry that has it, too; its life is empty where none has.  looked: when the
+    engine had it as the registry had it.
     """
 
     stamp: Stamp
@@ -56,24 +56,24 @@ class _Held:
 class FrameSync:
     """Which version of each frame the engine of this replica has.
 
-    A frame is fetched where the ingress knows of a newer one, or where the board does: it is asked
-    once a second for each asset that is in use. Where the engine has no room, frames of assets go
-    that were not used of late: the board has them. A board that was started again is given what the
-    engine has, by `exchange`, and what was removed: that comes back from nobody.
+    A frame is fetched where the ingress knows of a newer one, or where the registry does: it is
+    asked once a second for each asset that is in use. Where the engine has no room, frames of
+    assets go that were not used of late: the registry has them. A registry that was started again
+    is given what the engine has, by `exchange`, and what was removed: that comes back from nobody.
     """
 
-    def __init__(self, frames: Frames, board: RemoteBoard) -> None:
-        self._frames, self._board = frames, board
+    def __init__(self, frames: Frames, registry: RemoteFrameRegistry) -> None:
+        self._frames, self._registry = frames, registry
         self._held: dict[str, dict[str, _Held]] = {}
         self._removed = Removals()
-        # The board that was exchanged with last, and how many of its removals were heard.
+        # The registry that was exchanged with last, and how many of its removals were heard.
         self._life, self._heard = "", 0
         self._away = -AWAY
         self._locks = KeyedLocks()
         self._lock = threading.Lock()
 
     def changing(self, asset: str) -> AbstractContextManager[None]:
-        """Held while a frame of an asset is stored: the engine and the board get them in one
+        """Held while a frame of an asset is stored: the engine and the registry get them in one
         order."""
         return self._locks.holding(asset)
 
@@ -83,7 +83,7 @@ class FrameSync:
             self._held.pop(asset, None)
 
     def only_here(self, asset: str) -> bool:
-        """Whether the engine has frames of the asset that the board lacks, as far as is known."""
+        """Whether the engine has frames of the asset that the registry is not known to have."""
         return bool(self._not_given(asset))
 
     def bring(self, asset: str, name: str, wanted: int) -> None:
@@ -100,30 +100,30 @@ class FrameSync:
         self.with_room(asset, bring)
 
     def keep(self, asset: str, name: str, positions: Positions) -> int:
-        """Give the board a frame that the engine has taken; its version.
+        """Give the registry a frame that the engine has taken; its version.
 
-        Raises BoardFullError where there is no room: the engine then fetches the frame that was
-        there before. Raises DeviceLostError where the board does not answer: it gets the frame
+        Raises RegistryFullError where there is no room: the engine then fetches the frame that was
+        there before. Raises DeviceLostError where the registry does not answer: it gets the frame
         later.
         """
         known = self._version(asset, name)
         try:
-            stamp = self._board.keep(asset, name, positions, known)
+            stamp = self._registry.keep(asset, name, positions, known)
         except DeviceLostError:
             self._hold(asset, name, Stamp("", known + 1))
             raise
         if not stamp.version:
             self._drop(asset, name)
-            raise BoardFullError(asset, name)
+            raise RegistryFullError(asset, name)
         self._hold(asset, name, stamp)
         return stamp.version
 
     def remove(self, asset: str, name: str) -> int:
-        """Remove a frame from the board and from the engine, which has it as it is now; the version
-        of its absence. To be called while `changing` is held."""
-        # In this order: where the board does not answer, nothing has changed. Where the engine does
-        # not, the board has the later version, so that the frame goes when it is asked for.
-        version = self._board.remove(asset, name, self._version(asset, name))
+        """Remove a frame from the registry and from the engine, which has it as it is now; the
+        version of its absence. To be called while `changing` is held."""
+        # In this order: where the registry does not answer, nothing has changed. Where the engine
+        # does not, the registry has the later version, so that the frame goes when it is asked for.
+        version = self._registry.remove(asset, name, self._version(asset, name))
         with suppress(NotFoundError):
             self._frames.delete(asset, name)
         self._note_removal(asset, name, version)
@@ -135,10 +135,10 @@ class FrameSync:
             held = self._held.get(asset, {}).values()
             known = max((one.stamp.version for one in held), default=0)
             try:
-                version = self._board.forget(asset, known)
+                version = self._registry.forget(asset, known)
             except DeviceLostError:
                 version = max(time.time_ns(), known + 1)
-                self._life = ""  # the board is told with the next exchange
+                self._life = ""  # the registry is told with the next exchange
             self._note_removal(asset, ALL, version)
 
     def bring_all(self, asset: str) -> None:
@@ -157,20 +157,20 @@ class FrameSync:
             try:
                 return work()
             except FrameMemoryError as error:  # noqa: PERF203
-                others = () if isinstance(error, BoardFullError) else self._idle(asset)
+                others = () if isinstance(error, RegistryFullError) else self._idle(asset)
                 if not any(map(self._drop_unused, others)):
                     raise
 
     def exchange(self) -> None:
-        """Hear what was removed, and give a board that was started again what it lacks. To be
+        """Hear what was removed, and give a registry that was started again what it lacks. To be
         called now and then, by one thread; raises DeviceLostError, after which it is done again."""
-        news = self._board.news(self._life, self._heard)
+        news = self._registry.news(self._life, self._heard)
         for (asset, name), version in news.removed.items():
             self._hear_removal(asset, name, version)
         if news.life != self._life:
             with self._lock:
                 removed, _ = self._removed.since(0)
-            self._board.remember(removed)
+            self._registry.remember(removed)
         if not news.whole:
             self._compare(news.life)
         self._life, self._heard = news.life, news.count
@@ -187,21 +187,21 @@ class FrameSync:
             self._removed.note(asset, name, version)
 
     def _compare(self, life: str) -> None:
-        """Drop what the board had and has no more: more was removed than it knows of."""
+        """Drop what the registry had and has no more: more was removed than it knows of."""
         for asset in list(self._held):
             with self.changing(asset):
-                there = self._board.versions(asset)
+                there = self._registry.versions(asset)
                 for name, one in list(self._held.get(asset, {}).items()):
                     if one.stamp.life == life and name not in there:
                         self._drop(asset, name)
 
     def _give(self, asset: str) -> None:
-        """Give the board the frames of an asset that it lacks. What the engine does not have yet
+        """Give the registry the frames of an asset that it lacks. What the engine does not have yet
         is given later."""
         mine = self._not_given(asset)
         if not mine:
             return
-        wanted = set(self._board.missing(asset, mine))
+        wanted = set(self._registry.missing(asset, mine))
         stored: set[str] = set()
         with suppress(NotFoundError, ConflictError):  # the asset is built, or has gone
             stored = {info.name for info in self._frames.all(asset)} if wanted else set()
@@ -213,7 +213,7 @@ class FrameSync:
                 return
 
     def _gave(self, asset: str, name: str, version: int, *, wanted: bool) -> bool:
-        """Give the board a frame of this version, if it wants it; False where it has no room."""
+        """Give the registry a frame of this version, if it wants it; False where it has no room."""
         with self.changing(asset):
             held = self._held.get(asset, {}).get(name)
             if held is None or held.stamp.version != version:
@@ -223,13 +223,13 @@ class FrameSync:
                     positions = self._frames.positions(asset, name)
                 except NotFoundError:
                     return True
-                if not self._board.give(asset, name, version, positions):
+                if not self._registry.give(asset, name, version, positions):
                     return False
             held.stamp = Stamp(self._life, version)
         return True
 
     def _not_given(self, asset: str) -> dict[str, int]:
-        """By name, versions of the frames that were not given to the board of now."""
+        """By name, versions of the frames that were not given to the registry of now."""
         with self._lock:
             held = list(self._held.get(asset, {}).items())
         return {name: one.stamp.version for name, one in held if one.stamp.life != self._life}
@@ -246,7 +246,7 @@ class FrameSync:
         return sorted((name for name in used if used[name] < before), key=used.__getitem__)
 
     def _drop_unused(self, asset: str) -> bool:
-        """Drop frames of an asset that the board has; whether there were any."""
+        """Drop frames of an asset that the registry has; whether there were any."""
         with self.changing(asset):
             there = self._versions_there(asset)
             here = dict(self._held.get(asset, {}))
@@ -272,14 +272,14 @@ class FrameSync:
         if time.monotonic() - self._away < AWAY:
             raise DeviceLostError("the board of the fleet did not answer; try later")
         try:
-            return self._board.versions(asset, names)
+            return self._registry.versions(asset, names)
         except DeviceLostError:
             self._away = time.monotonic()
             _log.warning("frames of %s are taken as they are here: no board answers", asset)
             raise
 
     def _take(self, asset: str, name: str) -> None:
-        stamp, positions = self._board.frame(asset, name)
+        stamp, positions = self._registry.frame(asset, name)
         if positions is not None:
             self._frames.put(asset, name, positions)
             self._hold(asset, name, stamp)

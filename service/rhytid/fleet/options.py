@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from rhytid.errors import SettingsError
-from rhytid.support.settings import ServiceSettings
 
 _COUNT = re.compile(r"([1-9][0-9]{0,4})(?:-([1-9][0-9]{0,4}))?", re.ASCII)
 
@@ -17,7 +16,8 @@ _COUNT = re.compile(r"([1-9][0-9]{0,4})(?:-([1-9][0-9]{0,4}))?", re.ASCII)
 class FleetOptions:
     """The layout.
 
-    store: folder of the assets, which all machines see under this path.  least, most: replicas;
+    store: folder that all machines see under this path: of API keys, and of the assets where the
+    settings name no shared store.  least, most: replicas;
     where they differ, Ray starts and ends replicas by how many calls wait.  calls: that one replica
     works on at once; where they differ, autoscaling aims at half of it.  ingresses: servers of
     HTTP, where Ray Serve has them.  spread: replicas on which one asset may be.  assets: that one
@@ -52,15 +52,6 @@ class FleetOptions:
                 raise SettingsError(f"no option {name!r} of a fleet: there are {known}")
             found[name] = _value(name, str(kinds[name]), value)
         return cls(**found)  # type: ignore[arg-type]
-
-
-def check_settings(settings: ServiceSettings) -> None:
-    """Raise SettingsError for settings that a fleet does not have."""
-    if settings.shared_store:
-        raise SettingsError(
-            f"a fleet shares the folder of its store, and not {settings.shared_store}: leave out "
-            "--shared-store and RHYTID_SHARED_STORE"
-        )
 
 
 def replica_range(text: str) -> tuple[int, int]:

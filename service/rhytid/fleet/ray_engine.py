@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -18,14 +17,12 @@ from rhytid.engine_process.job_ledger import JobLedger
 from rhytid.engine_process.remote_calls import RemoteCalls, UploadHolds
 from rhytid.errors import BusyError, DeviceLostError
 from rhytid.fleet.caller import FleetCaller
-from rhytid.fleet.fleet_assets import FleetAssets
-from rhytid.fleet.fleet_snapshots import FleetSnapshots
+from rhytid.fleet.fleet_assets import SharedCalls
+from rhytid.fleet.fleet_store import FleetStore
 from rhytid.fleet.frame_versions import FrameVersions
-from rhytid.fleet.job_names import JobNames
+from rhytid.fleet.jobs import JobNames
 from rhytid.fleet.options import FleetOptions
-from rhytid.fleet.presence import Presence
-from rhytid.fleet.remote_board import RemoteBoard
-from rhytid.fleet.shared_folder import SharedFolder
+from rhytid.fleet.remote_registry import RemoteFrameRegistry, ReplicaReports
 from rhytid.support.settings import ServiceSettings
 
 
@@ -37,22 +34,21 @@ class RayEngine(Proxy):
     """
 
     def __init__(
-        self, settings: ServiceSettings, options: FleetOptions, replicas: Any, board: RemoteBoard
+        self,
+        settings: ServiceSettings,
+        options: FleetOptions,
+        replicas: Any,
+        board: RemoteFrameRegistry,
     ) -> None:
         host_memory = settings.host_memory or usual_host_memory()
         self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
-        self._presence = Presence(board)
+        self._presence = ReplicaReports(board)
         versions = FrameVersions()
-        shared = SharedFolder(options.store / "shared")
-        names = JobNames(shared.job_key())
+        store = FleetStore.opened(settings, options)
+        names = JobNames(store.files.job_key())
         self._caller = FleetCaller(replicas, versions, names, self._present)
-        assets, snapshots = FleetAssets(self._caller, shared), FleetSnapshots(self._caller, shared)
-        own: dict[str, Callable[..., Any]] = {
-            "assets.all": assets.all,
-            "snapshots.of": snapshots.of,
-            "snapshots.restore": snapshots.restore,
-        }
         uploads = UploadHolds(self.memory)
+        own = SharedCalls(self._caller, store).own
         super().__init__(RemoteCalls(self._caller, versions, JobLedger(), uploads, own))
 
     def close(self) -> None:

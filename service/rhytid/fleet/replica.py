@@ -19,16 +19,16 @@ from rhytid.engine_process.envelope import Answer, Envelope, answered
 from rhytid.engine_process.placement import found_devices, named_devices, settings_of
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import DeviceLostError, RhytidError
-from rhytid.fleet.board import Report
 from rhytid.fleet.envelopes import Addressed, Parcel
+from rhytid.fleet.fleet_store import FleetStore
+from rhytid.fleet.frame_registry import Report
 from rhytid.fleet.frame_sync import FrameSync
-from rhytid.fleet.job_names import JobNames
+from rhytid.fleet.jobs import JobNames
 from rhytid.fleet.local_place import LocalPlace
 from rhytid.fleet.options import FleetOptions
-from rhytid.fleet.remote_board import RemoteBoard
+from rhytid.fleet.remote_registry import RemoteFrameRegistry
 from rhytid.fleet.replica_assets import ReplicaAssets
 from rhytid.fleet.replica_calls import ReplicaCalls
-from rhytid.fleet.shared_folder import SharedFolder
 from rhytid.support.build_identity import drawing_version
 from rhytid.support.logs import log_to_stderr
 from rhytid.support.settings import ServiceSettings
@@ -47,16 +47,19 @@ class EngineReplica:
         self._name = context.replica_id.unique_id
         log_to_stderr(settings.log_format, logging.INFO, f"replica {self._name}")
         self._place = LocalPlace(options.local)
-        own = replace(_of_device(settings, self._place.number), store=self._place.store)
-        self._engine = RemoteEngine(own)
-        self._board = RemoteBoard(context.app_name, limit)
-        frames = FrameSync(self._engine.frames, self._board)
-        shared = SharedFolder(options.store / "shared")
-        shared.sweep()
-        names = JobNames(shared.job_key())
-        self._assets = ReplicaAssets(
-            self._engine, shared, frames, names, self._name, options.assets
+        store = FleetStore.opened(settings, options)
+        own = replace(
+            _of_device(settings, self._place.number),
+            store=self._place.store,
+            shared_store=store.place,
+            in_step=True,
         )
+        self._engine = RemoteEngine(own)
+        self._board = RemoteFrameRegistry(context.app_name, limit)
+        frames = FrameSync(self._engine.frames, self._board)
+        store.files.sweep()
+        names = JobNames(store.files.job_key())
+        self._assets = ReplicaAssets(self._engine, store, frames, names, self._name, options.assets)
         self._calls = ReplicaCalls(self._engine, self._assets, frames, names, self._name)
         self._pool = ThreadPoolExecutor(options.calls, "rhytid-call")
         self._closing = threading.Event()

@@ -1,53 +1,50 @@
-"""Calls that create, change and remove assets: the engine of a replica and the shared folder change
+"""Calls that create, change and remove assets: the engine of a replica and the shared store change
 together."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from numpy.typing import ArrayLike
 
 from rhytid.domain.frame import counted_frame
-from rhytid.domain.settings_changes import CHANGEABLE
 from rhytid.engine import call_context
 from rhytid.engine.assets.upload import content_id
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset, Package
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import NotFoundError
-from rhytid.fleet.fleet_snapshots import SharedSnapshot
+from rhytid.fleet.fleet_assets import GivenName
+from rhytid.fleet.fleet_store import FleetStore
 from rhytid.fleet.frame_sync import FrameSync
-from rhytid.fleet.job_names import JobNames, ReplicaNames
-from rhytid.fleet.job_watch import JobWatch
-from rhytid.fleet.kept_uploads import read_upload, written_upload
-from rhytid.fleet.residents import Residents
-from rhytid.fleet.shared_folder import SharedFolder
+from rhytid.fleet.jobs import JobNames, JobWatch, ReplicaNames
+from rhytid.fleet.loaded_assets import LoadedAssets
+from rhytid.fleet.shared_files import read_upload, written_upload
 from rhytid.storage.snapshots import OpenFile
-from rhytid.support.atomic_files import storage_errors
 
 
 class ReplicaAssets:
     """The assets of one replica.
 
-    replica: its name.  most: assets that stay loaded.
+    engine: with the shared store of the fleet, in step with it.  replica: its name.  most: assets
+    that stay loaded.
     """
 
     def __init__(
         self,
         engine: RemoteEngine,
-        shared: SharedFolder,
+        store: FleetStore,
         frames: FrameSync,
         names: JobNames,
         replica: str,
         most: int,
     ) -> None:
-        self._engine, self._shared = engine, shared
+        self._engine, self._files = engine, store.files
         self._frames, self._replica = frames, replica
         self._jobs = JobWatch(engine.jobs.info)
         seen = ReplicaNames(names, replica, engine.jobs.info)
-        self.residents = Residents(engine, shared, frames, most, replica, self._resume, seen.asset)
+        self.loaded = LoadedAssets(engine, store, frames, most, replica, self._resume, seen.asset)
 
     def close(self) -> None:
         """Watch jobs no more."""
@@ -62,13 +59,10 @@ class ReplicaAssets:
     ) -> AssetInfo:
         """As `AssetService.create`; what was sent is kept until the asset is shared."""
         asset = content_id(new)
-        with self.residents.using(asset, gone, mend=True):
+        with self.loaded.using(asset, gone, mend=True):
             info = self._engine.assets.create(new, strict=strict, allow=allow)
-            with self.residents.changing(asset):
-                if self._shared.revision(asset) is None or not self.residents.has(asset):
-                    self._begin(info, new)
-                elif new.shapes is not None:
-                    self._share(asset)
+            with self.loaded.changing(asset):
+                self._begin(info, new)
             if info.job is not None:
                 self._while_running(asset, info.job)
             self._keep_frames(asset, new)
@@ -76,96 +70,89 @@ class ReplicaAssets:
 
     def change(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
         """As `AssetService.change`, for every replica."""
-        with self.residents.changing(asset):
+        with self.loaded.changing(asset):
             info = self._engine.assets.change(asset, changes)
-            self._share_settings(asset)
+            self.loaded.see_changed(asset)
         return info
 
     def calibrate(self, asset: str, positions: ArrayLike, **named: Any) -> JobInfo:
         """As `AssetService.calibrate`; its settings are shared when it has ended."""
         job = self._engine.assets.calibrate(asset, positions, **named)
-        self._jobs.watch(job.id, lambda ended: self._share_settings(asset))
+        self._jobs.watch(job.id, lambda ended: self._see_changed(asset))
         self._while_running(asset, job.id)  # what is watched first is done first
         return job
 
     def delete(self, asset: str, *, shared: bool = False) -> None:
         """As `AssetService.delete`, for every replica, whether that is asked for or not."""
-        with self.residents.changing(asset):
-            there = self._shared.revision(asset) or self._shared.owner(asset)
-            self._shared.remove(asset)
+        with self.loaded.changing(asset):
+            sent = self._files.owner(asset)
             try:
-                self._engine.assets.delete(asset)
+                self._engine.assets.delete(asset, shared=True)
             except NotFoundError:
-                if not there:
+                if sent is None:
                     raise
+            self._files.remove(asset)
             self._frames.remove_all(asset)
-            self.residents.forget(asset)
+            self.loaded.forget(asset)
 
     def package(self, asset: str, *arguments: Any, **named: Any) -> Package | JobInfo | None:
-        """As `PackageService.of`; the file lies in the shared folder."""
+        """As `PackageService.of`; the file lies in the shared store."""
         found = self._engine.packages.of(asset, *arguments, **named)
         if isinstance(found, JobInfo):
             self._while_running(asset, found.id)
         if isinstance(found, Package):
-            return self._shared.share_package(asset, found)
+            return self._files.share_package(asset, found)
         return found
 
-    def snapshot(self, asset: str) -> Path:
-        """A snapshot with the present settings, in the shared folder; the caller removes it."""
+    def snapshot(self, asset: str) -> str:
+        """The name of a snapshot with the present settings among the given files; the caller
+        removes it."""
         with self._engine.snapshots.of(asset) as made:
-            path = self._shared.give(made.pieces())
+            name = self._files.give(made.pieces())
         if call_context.is_abandoned():  # nobody would remove it
-            path.unlink(missing_ok=True)
+            self._files.remove_given(name)
         call_context.check_abandoned()
-        return path
+        return name
 
-    def restore(self, content: SharedSnapshot, nbytes: int) -> tuple[AssetInfo, bool]:
-        """The asset of a snapshot in the shared folder, and whether it is new here."""
-        asset, path = content.asset, content.path
-        with storage_errors(f"{path} cannot be read"), path.open("rb") as stream:
-            info, new = self._engine.snapshots.restore(OpenFile(stream.fileno()), nbytes)
+    def restore(self, content: GivenName, nbytes: int) -> tuple[AssetInfo, bool]:
+        """The asset of a given snapshot, and whether it is new here."""
+        with self._files.given(content.name) as stream:
+            file = OpenFile(stream.fileno())
+            info, new = self._engine.snapshots.restore(file, nbytes)
         if new:
-            with self.residents.changing(asset):
-                self._share(asset)
+            self._see_changed(content.asset)
         return info, new
 
     def _begin(self, info: AssetInfo, new: NewAsset) -> None:
-        """A build was started, or has ended already; it is given up where it cannot be kept."""
+        """What was sent of a build that was started is kept; the build is given up where it cannot
+        be. What is ready may have other named shapes now."""
+        if info.state == "ready":
+            self.loaded.see_changed(info.id)
+            return
         try:
-            if info.state == "ready":
-                self._share(info.id)
-                return
-            if self._shared.owner(info.id) != self._replica:
-                self._shared.put_upload(info.id, self._replica, written_upload(new))
+            if self._files.owner(info.id) != self._replica:
+                self._files.put_upload(info.id, self._replica, written_upload(new))
         except BaseException:
-            if not self.residents.has(info.id):
+            if not self.loaded.has(info.id):
                 self._engine.assets.delete(info.id)
             raise
-        self.residents.take(info.id)
+        self.loaded.take(info.id)
         if info.job is not None:
             self._jobs.watch(info.job, partial(self._built, info.id))
 
     def _built(self, asset: str, job: JobInfo | None) -> None:
-        with self.residents.changing(asset):
-            if not self.residents.has(asset):
+        """A build has ended. Where it could not be shared, what was sent stays until it is."""
+        with self.loaded.changing(asset):
+            if not self.loaded.has(asset):
                 return  # it was removed
             if self._engine.assets.info(asset).state == "ready":
-                self._share(asset)
+                self.loaded.see_changed(asset)
             else:
-                self._shared.remove_upload(asset)
+                self._files.remove_upload(asset)
 
-    def _share(self, asset: str) -> None:
-        with self._engine.snapshots.of(asset) as made:
-            placed = self._shared.put_snapshot(asset, made)
-        self.residents.take(asset, placed)
-        self.residents.describe(asset)
-
-    def _share_settings(self, asset: str) -> None:
-        with self.residents.changing(asset):
-            settings = self._engine.assets.info(asset).settings
-            now = {name: settings[name] for name in CHANGEABLE}
-            self.residents.note_settings(asset, self._shared.put_settings(asset, now))
-            self.residents.describe(asset)
+    def _see_changed(self, asset: str) -> None:
+        with self.loaded.changing(asset):
+            self.loaded.see_changed(asset)
 
     def _keep_frames(self, asset: str, new: NewAsset) -> None:
         for index, positions in enumerate(() if new.frames is None else new.frames):
@@ -175,15 +162,15 @@ class ReplicaAssets:
 
     def _while_running(self, asset: str, job: str) -> None:
         """The asset stays until a job of it has ended."""
-        release = self.residents.pin(asset)
+        release = self.loaded.pin(asset)
         self._jobs.watch(job, lambda ended: release())
 
     def _resume(self, asset: str) -> None:
         """Go on with a build whose replica is gone."""
-        try:
-            new = read_upload(self._shared.upload(asset))
-        except FileNotFoundError:
+        data = self._files.upload(asset)
+        if data is None:
             return
-        self._shared.own(asset, self._replica)
+        new = read_upload(data)
+        self._files.own(asset, self._replica)
         self._begin(self._engine.assets.create(new), new)
         self._keep_frames(asset, new)

@@ -13,7 +13,7 @@ from rhytid.engine_process.envelope import Answer, Envelope
 from rhytid.engine_process.job_ledger import resumed
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.fleet.frame_sync import FrameSync
-from rhytid.fleet.job_names import JobName, JobNames, ReplicaNames
+from rhytid.fleet.jobs import JobName, JobNames, ReplicaNames
 from rhytid.fleet.replica_assets import ReplicaAssets
 
 
@@ -55,7 +55,7 @@ class ReplicaCalls:
         if operation.name == "assets.create":
             new = envelope.positional[0]
             return Answer(True, self._seen(self._assets.create(new, to, **envelope.named)))
-        with self._assets.residents.using(asset, to, mend=operation.mends):
+        with self._assets.loaded.using(asset, to, mend=operation.mends):
             way = (operation.addresses, operation.effect)
             if way == ("frame", "change"):
                 return self._put(*envelope.positional, **envelope.named)
@@ -104,7 +104,7 @@ class ReplicaCalls:
             if found.state in ENDED_STATES:
                 self._assets.settle(name.own)
             return self._seen_as.job(found)
-        with self._assets.residents.using(name.asset, to):
+        with self._assets.loaded.using(name.asset, to):
             if cancels:
                 self._cancel_resumed(name)
             return resumed(name.unknown(id), self._engine.assets.info, self._engine.jobs.info)

@@ -1,11 +1,14 @@
-"""Which replica a call goes to: each asset has its own order of the replicas."""
+"""Which replica a call goes to: each asset has its own order of the replicas, by rendezvous
+hashing."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from hashlib import blake2b
 
 from ray.serve.request_router import PendingRequest, RequestRouter, RunningReplica
 
 from rhytid.fleet.envelopes import Addressed
-from rhytid.fleet.order import order
 
 
 class AssetRouter(RequestRouter):  # type: ignore[misc]
@@ -43,5 +46,15 @@ class AssetRouter(RequestRouter):  # type: ignore[misc]
             return [[by_name[call.to]]]
         if not call.asset:
             return [candidate_replicas]
-        names = order(call.asset, by_name)
+        names = replica_order(call.asset, by_name)
         return [[by_name[name]] for name in names[: self._spread if call.spread else 1]]
+
+
+def replica_order(asset: str, replicas: Iterable[str]) -> list[str]:
+    """The replicas, the one first that the asset is placed on. Without one of them the order of the
+    others is the same."""
+    return sorted(replicas, key=lambda name: (_weight(asset, name), name), reverse=True)
+
+
+def _weight(asset: str, replica: str) -> bytes:
+    return blake2b(f"{asset} {replica}".encode(), digest_size=8).digest()

@@ -130,6 +130,10 @@ class AssetSnapshots:
             sync_folder(place)
         return replace(unpacked, has_shapes=True)
 
+    def put_overlay(self, id: str, data: bytes) -> None:
+        """Replace the present settings of a built asset by the bytes of their file."""
+        self._folders.replace(self._folders.existing(id, ASSET).parent / OVERLAY, data)
+
     def note_shared(self, id: str, note: bytes) -> None:
         """Keep a note of the state in which a shared store has a built asset; it replaces an
         earlier note."""

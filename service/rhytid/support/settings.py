@@ -33,6 +33,8 @@ class ServiceSettings:
     store: folder of the assets.  shared_store: the store of assets that several machines share, a
     folder or s3://BUCKET/PREFIX, of which `store` then holds copies; None for none.
     store_limit: most size of these copies; None for no limit.
+    in_step: whether machines wait until the shared store has what they built or changed, as the
+    replicas of a fleet do.
 
     device: part of the name of an OpenCL device or platform, or the number that `rhytid devices`
     shows; None for the best that computes.  devices: numbers of the devices that `rhytid serve`
@@ -68,6 +70,7 @@ class ServiceSettings:
     store: Path = Path("rhytid-store")
     shared_store: str | None = None
     store_limit: int | None = None
+    in_step: bool = False
     device: str | None = None
     devices: tuple[str, ...] = ()
     device_memory: int | None = None

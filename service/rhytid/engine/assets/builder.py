@@ -21,7 +21,13 @@ from rhytid.engine.job import Job
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.messages import Refusal
 from rhytid.engine.shared_assets import SharedAssets
-from rhytid.errors import CancelledError, FatalRequestError, NotFoundError, public_message
+from rhytid.errors import (
+    CancelledError,
+    FatalRequestError,
+    NotFoundError,
+    RhytidError,
+    public_message,
+)
 from rhytid.pipeline.elements import check_cover
 from rhytid.pipeline.work import DrawLimit
 from rhytid.storage.records import StoredRequest
@@ -90,6 +96,11 @@ class AssetBuilder:
         self._refused.pop(asset, None)
 
     def change(self, asset: Asset, settings: AssetSettings) -> None:
+        """As `use`, and push the asset."""
+        self.use(asset, settings)
+        self._shared.share(asset.id)
+
+    def use(self, asset: Asset, settings: AssetSettings) -> None:
         """Give a ready asset, whose lock is held, other settings, on the device and in the store.
 
         Its old settings stay where anything fails. Raises LimitError where its maps would cover too
@@ -114,7 +125,6 @@ class AssetBuilder:
         except BaseException:
             self._store.put_overlay(asset.id, old)
             raise
-        self._shared.push(asset.id)
 
     def prepare_bins(self, asset: Asset) -> None:
         """Make the level-0 maps of the fast method ahead, as a job, if they fit into memory;
@@ -160,7 +170,8 @@ class AssetBuilder:
             if self._shared.take(job, asset):
                 return
             self._build(job, asset)
-        self._shared.push(asset.id)
+        with suppress(RhytidError):  # it is built, and pushed later
+            self._shared.share(asset.id)
 
     def _build(self, job: Job, asset: Asset) -> None:
         request = self._store.request(asset.id)

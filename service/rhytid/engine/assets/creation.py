@@ -82,7 +82,7 @@ class AssetCreation:
         with asset.kept(), suppress(NotFoundError):
             self._store.put_shapes(asset.id, shapes)
             if asset.state == "ready":
-                self._shared.push(asset.id)
+                self._shared.share(asset.id)
 
     def _folds(self, upload: CheckedUpload) -> Folds | None:
         """The folds that expressions make in the mesh of an asset that is not built yet; other

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from contextlib import nullcontext, suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypeVar
 
 from numpy.typing import ArrayLike
@@ -25,7 +26,14 @@ from rhytid.engine.frames import Frame
 from rhytid.engine.job import Job
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.keys import content_key
-from rhytid.engine.messages import AssetContent, AssetDimensions, AssetInfo, JobInfo, NewAsset
+from rhytid.engine.messages import (
+    AssetContent,
+    AssetDimensions,
+    AssetInfo,
+    FollowedAsset,
+    JobInfo,
+    NewAsset,
+)
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.errors import NotFoundError, SettingsError
 from rhytid.pipeline.stretch import r_max_of
@@ -139,6 +147,54 @@ class AssetService:
                 self._shared.remove(asset)
         elif found is None:
             raise NotFoundError(f"no asset {asset!r}")
+
+    def follow(self, asset: str, *, replace: bool) -> FollowedAsset | None:
+        """Have an asset as the shared store has it, where another machine has changed it there; one
+        that builds, or was changed here and not pushed since, stays as it is.
+
+        None, and nothing is done, where more than its settings differs, unless `replace`: then it
+        is fetched anew, without its frames. Raises NotFoundError where it was removed there, and
+        here it is removed then, too; what the shared store raises.
+        """
+        self._shared.look_anew(asset)
+        found = self._assets.find(asset)
+        if found is not None and not self._followed(found, replace):
+            return None
+        now = self._assets.get(asset)
+        if now.state == "failed":
+            with suppress(NotFoundError):  # another machine may have built it
+                now = self._assets.elsewhere(asset)
+        with now.lock:
+            manifest = self._shared.manifest(asset) if now.state == "ready" else ""
+            return FollowedAsset(now.info(), manifest, replaced=now is not found)
+
+    def leave(self, asset: str) -> bool:
+        """Drop an asset and its frames from this machine, where the shared store has it whole and
+        nobody uses it; whether it is not here now."""
+        found = self._assets.find(asset)
+        return found is None or self._shared.leave(found)
+
+    def _followed(self, found: Asset, replace: bool) -> bool:
+        """Give an asset the settings that the shared store has, or take it out to be fetched;
+        False where that is not allowed."""
+        with found.lock:
+            if found.state != "ready":
+                return True
+            try:
+                there = self._shared.newer(found.id)
+            except NotFoundError:
+                self._delete(found)
+                raise
+            use = partial(self._builder.use, found)
+            if there is None:
+                return True
+            if not self._shared.take_newer(found, there, use):
+                if replace:
+                    self._jobs.cancel_all(found.id)
+                    self._shared.take_out(found)
+                return replace
+        self._builder.prepare_bins(found)
+        return True
 
     def _delete(self, found: Asset) -> None:
         asset = found.id

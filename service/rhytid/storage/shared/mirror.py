@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
+from pathlib import Path
 
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import (
     NotFoundError,
     SharedDamageError,
@@ -16,7 +17,9 @@ from rhytid.errors import (
 )
 from rhytid.storage.asset_snapshots import UnpackedAsset
 from rhytid.storage.canonical import hashed
-from rhytid.storage.shared.shared_store import Report, SharedStore
+from rhytid.storage.homes import ASSET, OVERLAY
+from rhytid.storage.records import read_overlay
+from rhytid.storage.shared.shared_store import Report, SharedStore, manifest_digest
 from rhytid.storage.snapshots import SnapshotIndex
 from rhytid.storage.store import AssetStore
 
@@ -63,7 +66,7 @@ class StoreMirror:
         Raises what `fetched` does.
         """
         here = self.has(id)
-        if here and not self._is_other_there(id):
+        if here and not self._is_newer(id):
             return False
         with self.fetched(id, report) as unpacked:
             if here:
@@ -105,11 +108,37 @@ class StoreMirror:
         self._note(index)
         return True
 
-    def _is_other_there(self, id: str) -> bool:
-        """Whether another machine has changed an asset in the shared store, and this one has not
-        changed it since they had the same."""
+    def newer(self, id: str) -> SnapshotIndex | None:
+        """What an asset is made of in the shared store, where another machine has changed it there
+        and this one has not since they had the same; None where it is the same, or was changed
+        here. Raises NotFoundError where it was removed there."""
+        if not self.is_pushed(id):
+            return None
+        there = self.shared.index(id)
+        return None if there == self._snapshots.index(id) else there
+
+    def newer_settings(self, there: SnapshotIndex) -> tuple[AssetSettings, bytes] | None:
+        """The settings of an asset as the shared store has them, and the bytes of their file; None
+        where another file than theirs differs from the one here."""
+        here = self._snapshots.index(there.asset)
+        if {**here.files, OVERLAY: None} != {**there.files, OVERLAY: None}:
+            return None
+        data = self.shared.read(there, OVERLAY)
+        label, path = f"{ASSET} {there.asset}", Path(f"{self.shared}/{there.asset}/{OVERLAY}")
+        return read_overlay(label, data, path), data
+
+    def take_settings(self, there: SnapshotIndex, data: bytes) -> None:
+        """Put the bytes of `newer_settings` into the local store: it then has what is there."""
+        self._snapshots.put_overlay(there.asset, data)
+        self._note(there)
+
+    def digest(self, id: str) -> str:
+        """SHA-256 of the manifest that an asset of the local store has as it is now."""
+        return manifest_digest(self._snapshots.index(id).encode())
+
+    def _is_newer(self, id: str) -> bool:
         try:
-            return self.is_pushed(id) and self.shared.index(id) != self._snapshots.index(id)
+            return self.newer(id) is not None
         except NotFoundError:  # somebody removed it there
             return False
 
@@ -118,5 +147,5 @@ class StoreMirror:
             self._snapshots.note_shared(index.asset, self._noted(index))
 
     def _noted(self, index: SnapshotIndex) -> bytes:
-        digest = hashlib.sha256(index.encode()).hexdigest()
+        digest = manifest_digest(index.encode())
         return hashed({"place": str(self.shared), "manifest": digest})

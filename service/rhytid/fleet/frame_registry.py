@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.engine.messages import DeviceInfo
-from rhytid.fleet.removals import ALL, Removals, Removed
+from rhytid.fleet.frame_versions import ALL, Removals, Removed
 
 # Seconds for which it is known that a replica was there.
 PRESENT = 15.0
@@ -35,9 +35,9 @@ class Report:
 
 @dataclass(frozen=True)
 class Stamp:
-    """What the board calls a frame.
+    """What the registry calls a frame.
 
-    life: of the board that has it.  version: another for other positions, a later one is larger.
+    life: of the registry that has it.  version: another for other positions, a later one is larger.
     """
 
     life: str
@@ -46,9 +46,9 @@ class Stamp:
 
 @dataclass(frozen=True)
 class News:
-    """What a replica has not heard of the board yet.
+    """What a replica has not heard of the registry yet.
 
-    life: another after the board was started again: it has no frames then.  count: of removals,
+    life: another after the registry was started again: it has no frames then.  count: of removals,
     to ask with the next time.  removed: since the last time.  whole: whether these are all.
     """
 
@@ -65,10 +65,10 @@ class _Kept:
     positions: Positions | None
 
 
-class Board:
+class FrameRegistry:
     """Positions by asset and name, each with a version, and reports of replicas.
 
-    A board that was started again has none of them. Replicas give it what they have, each frame
+    A registry that was started again has none of them. Replicas give it what they have, each frame
     with its version: the latest is kept, and of what was removed nothing that is older. Versions
     grow with time and beyond those that were given.
     """
@@ -97,8 +97,8 @@ class Board:
     async def give(
         self, asset: str, name: str, version: int, positions: Positions, limit: int
     ) -> str:
-        """Keep a frame that another board had, unless a later one of its name is known; the life
-        of this board. Empty where there is no room."""
+        """Keep a frame that another registry had, unless a later one of its name is known; the life
+        of this registry. Empty where there is no room."""
         self._version = max(self._version, version)
         if version > self._latest(asset, name):
             if not self._has_room(asset, name, positions, limit):
@@ -107,7 +107,7 @@ class Board:
         return self._life
 
     async def missing(self, asset: str, versions: Mapping[str, int]) -> list[str]:
-        """Names of those of these frames that this board has, or knows as removed, only in an
+        """Names of those of these frames that this registry has, or knows as removed, only in an
         older version, or not at all."""
         return [name for name, version in versions.items() if version > self._latest(asset, name)]
 
@@ -122,14 +122,14 @@ class Board:
         return await self.remove(asset, ALL, after)
 
     async def remember(self, removed: Removed) -> None:
-        """What was removed before this board was started."""
+        """What was removed before this registry was started."""
         for (asset, name), version in removed.items():
             self._version = max(self._version, version)
             if version > self._latest(asset, name):
                 self._note_removal(asset, name, version)
 
     async def news(self, life: str, count: int) -> News:
-        """What was removed after the first `count` removals of a board of that life."""
+        """What was removed after the first `count` removals of a registry of that life."""
         removed, whole = self._removed.since(count if life == self._life else 0)
         return News(self._life, self._removed.count, removed, whole)
 

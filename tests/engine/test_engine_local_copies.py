@@ -14,7 +14,7 @@ from pipeline.scenes import sheet
 from rhytid.engine.engine import Engine
 from rhytid.errors import SharedStoreError
 from rhytid.storage.shared.shared_store import SharedStore
-from storage.places import new_folder
+from storage.backends import new_folder
 
 # No asset of these tests is so small.
 LITTLE = 1000
@@ -23,7 +23,7 @@ LITTLE = 1000
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A shared store; assets rest at once."""
-    monkeypatch.setattr("rhytid.engine.local_room.RESTING", 0.0)
+    monkeypatch.setattr("rhytid.engine.local_copies.RESTING", 0.0)
     return new_folder(tmp_path)
 
 
@@ -123,7 +123,7 @@ def test_a_store_that_is_away_is_asked_once_for_room(
 def test_what_was_used_a_moment_ago_stays(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rhytid.engine.local_room.RESTING", 60.0)
+    monkeypatch.setattr("rhytid.engine.local_copies.RESTING", 60.0)
     with running(tmp_path / "a", shared_store=str(folder), store_limit=1) as engine:
         all = [built(engine, new_asset(seed=seed)) for seed in (1, 2)]
         assert ids(engine) == all
@@ -139,7 +139,7 @@ def test_a_caller_of_what_has_left_asks_again(
 
         def late(*arguments: Any, **named: Any) -> Any:
             monkeypatch.undo()
-            monkeypatch.setattr("rhytid.engine.local_room.RESTING", 0.0)
+            monkeypatch.setattr("rhytid.engine.local_copies.RESTING", 0.0)
             built(engine, new_asset(seed=2))
             assert asset not in ids(engine)
             return store(*arguments, **named)

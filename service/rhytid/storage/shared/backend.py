@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -27,13 +28,30 @@ _SCHEME = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+://")
 _BUCKET = re.compile(r"s3://[a-z0-9][a-z0-9.-]{1,61}[a-z0-9](?:/[^/]+)*/?")
 
 
-class Place(Protocol):
+@dataclass(frozen=True)
+class Found:
+    """An object of a backend.
+
+    revision: another once the object was written anew.  modified: when it was, in seconds of
+    `time.time`.
+    """
+
+    revision: str
+    nbytes: int
+    modified: float
+
+
+class Backend(Protocol):
     """Named bytes that several machines reach.
 
     A name is a path with slashes. What is written under a name is there whole or not at all, and
     replaces what was there. Methods raise SharedStoreError naming the object where the place cannot
     be used, SharedDamageError where it is no plain file, and DiskFullError where a disk is full.
     """
+
+    # Seconds for which what was seen of an object is taken for what is there: 0 where a look costs
+    # little.
+    fresh: float
 
     def check(self) -> None:
         """Raise SharedStoreError where nothing can be read here."""
@@ -42,8 +60,8 @@ class Place(Protocol):
         """Mark the place as a shared store, where that is allowed and was not done before; raises
         StoreFormatError, and changes nothing, where a newer release made the shared store."""
 
-    def size(self, name: str) -> int | None:
-        """Bytes of an object; None where there is none."""
+    def find(self, name: str) -> Found | None:
+        """An object, of which nothing is read; None where there is none."""
 
     def read(self, name: str, most: int) -> bytes | None:
         """A small object; None where there is none. Raises SharedDamageError where it has more
@@ -55,30 +73,43 @@ class Place(Protocol):
     def write(self, name: str, data: bytes) -> None:
         """Write a small object."""
 
+    def local(self, name: str) -> Path | None:
+        """The file of an object, where the backend has files that this machine can read."""
+
     def send(self, name: str, source: Path) -> None:
         """Write an object with the bytes of a file."""
 
+    def put(self, name: str, pieces: Iterable[bytes | memoryview]) -> None:
+        """Write an object of any size, which comes in pieces."""
+
+    def create(self, name: str, data: bytes) -> bool:
+        """Write a small object at the top where there is none of that name; whether it was. Others
+        may see it before all of it is written."""
+
     def names(self, folder: str) -> list[str]:
         """Names of the objects that lie in a folder, without it, ascending."""
+
+    def found(self, folder: str) -> dict[str, Found]:
+        """The objects that lie in a folder, by the names of `names`."""
 
     def remove(self, name: str) -> bool:
         """Remove an object, if it is there; whether it was."""
 
 
-def place_of(text: str) -> Place:
+def backend_of(text: str) -> Backend:
     """The place that an option names: the path of a folder, or s3://BUCKET/PREFIX.
 
     Raises InputError where it is neither, or the extra that it needs is missing.
     """
     if not _SCHEME.match(text):
-        from rhytid.storage.shared.folder_place import FolderPlace
+        from rhytid.storage.shared.folder_backend import FolderBackend
 
-        return FolderPlace(Path(text))
+        return FolderBackend(Path(text))
     if not _BUCKET.fullmatch(text):
         raise InputError(f"shared store {text!r}: must be a folder, or like s3://bucket/prefix")
-    from rhytid.storage.shared.object_place import ObjectPlace
+    from rhytid.storage.shared.bucket_backend import BucketBackend
 
-    return ObjectPlace(text)
+    return BucketBackend(text)
 
 
 def damaged(place: object, name: str, why: str) -> SharedDamageError:

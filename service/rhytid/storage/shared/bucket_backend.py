@@ -1,14 +1,16 @@
-"""A bucket of an object store that speaks S3, as the place of a shared store."""
+"""A bucket of an object store that speaks S3, as the backend of a shared store."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Any
 
 from rhytid.domain.wording import install_hint
 from rhytid.errors import InputError, SharedStoreError
-from rhytid.storage.shared.place import SHARED_STORE, reached, too_large
+from rhytid.storage.shared.backend import SHARED_STORE, Found, reached, too_large
 from rhytid.support import cancellation
 from rhytid.support.atomic_files import sync_file
 
@@ -22,13 +24,15 @@ _PART, _AT_ONCE = 16 << 20, 2
 _MARKER = 1 << 16
 
 
-class ObjectPlace:
+class BucketBackend:
     """Objects of a bucket, below a prefix, by fsspec and s3fs.
 
     An object is visible once all of it was sent. Keys, region and endpoint are those that other
     programs of S3 take: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_ENDPOINT_URL, a profile, or
     the role of the machine. Raises InputError where the extra `s3` is not installed.
     """
+
+    fresh = 1.0
 
     def __init__(self, url: str) -> None:
         self._url = url.rstrip("/")
@@ -39,13 +43,13 @@ class ObjectPlace:
         return self._url
 
     def check(self) -> None:
-        """As `Place.check`."""
+        """As `Backend.check`."""
         with reached(f"{self} cannot be read"):
             # Asks for one object: a prefix may hold many.
             self._small.call_s3("list_objects_v2", Bucket=self._bucket, MaxKeys=1)
 
     def claim(self) -> None:
-        """As `Place.claim`."""
+        """As `Backend.claim`."""
         data = self.read(SHARED_STORE.marker, _MARKER)
         if data is not None:
             SHARED_STORE.reads(data, self)
@@ -53,22 +57,23 @@ class ObjectPlace:
         with suppress(SharedStoreError):  # it may only be read
             self.write(SHARED_STORE.marker, SHARED_STORE.text())
 
-    def size(self, name: str) -> int | None:
-        """As `Place.size`."""
+    def find(self, name: str) -> Found | None:
+        """As `Backend.find`."""
         with reached(f"{self._path(name)} cannot be read"), suppress(FileNotFoundError):
-            return int(self._small.info(self._path(name), refresh=True)["size"])
+            return _found(self._small.info(self._path(name), refresh=True))
         return None
 
     def read(self, name: str, most: int) -> bytes | None:
-        """As `Place.read`."""
-        if (size := self.size(name) or 0) > most:
-            raise too_large(self, name, size, most)
+        """As `Backend.read`."""
+        found = self.find(name)
+        if found is not None and found.nbytes > most:
+            raise too_large(self, name, found.nbytes, most)
         with reached(f"{self._path(name)} cannot be read"), suppress(FileNotFoundError):
             return bytes(self._small.cat_file(self._path(name)))
         return None
 
     def fetch(self, name: str, to: Path) -> bool:
-        """As `Place.fetch`."""
+        """As `Backend.fetch`."""
         with reached(f"{self._path(name)} cannot be fetched"):
             try:
                 self._files.get_file(self._path(name), str(to), callback=_asking())
@@ -78,12 +83,16 @@ class ObjectPlace:
         return True
 
     def write(self, name: str, data: bytes) -> None:
-        """As `Place.write`."""
+        """As `Backend.write`."""
         with reached(f"{self._path(name)} cannot be written"):
             self._files.pipe_file(self._path(name), data)
 
+    def local(self, name: str) -> Path | None:
+        """As `Backend.local`."""
+        return None
+
     def send(self, name: str, source: Path) -> None:
-        """As `Place.send`."""
+        """As `Backend.send`."""
         with reached(f"{self._path(name)} cannot be written"):
             self._files.put_file(
                 str(source),
@@ -93,22 +102,51 @@ class ObjectPlace:
                 max_concurrency=_AT_ONCE,
             )
 
+    def put(self, name: str, pieces: Iterable[bytes | memoryview]) -> None:
+        """As `Backend.put`."""
+        with reached(f"{self._path(name)} cannot be written"), NamedTemporaryFile() as aside:
+            aside.writelines(pieces)
+            aside.flush()
+            self.send(name, Path(aside.name))
+
+    def create(self, name: str, data: bytes) -> bool:
+        """As `Backend.create`."""
+        with reached(f"{self._path(name)} cannot be written"):
+            try:
+                self._files.pipe_file(self._path(name), data, mode="create")
+            except FileExistsError:
+                return False
+        return True
+
     def names(self, folder: str) -> list[str]:
-        """As `Place.names`."""
+        """As `Backend.names`."""
+        return list(self.found(folder))
+
+    def found(self, folder: str) -> dict[str, Found]:
+        """As `Backend.found`."""
         with reached(f"{self._path(folder)} cannot be listed"), suppress(FileNotFoundError):
-            found = self._small.ls(self._path(folder), detail=False, refresh=True)
-            return sorted(str(path).rpartition("/")[2] for path in found)
-        return []
+            listed = self._small.ls(self._path(folder), detail=True, refresh=True)
+            files = {str(one["name"]).rpartition("/")[2]: one for one in listed}
+            return {name: _found(files[name]) for name in sorted(files)}
+        return {}
 
     def remove(self, name: str) -> bool:
-        """As `Place.remove`."""
-        known = self.size(name) is not None
+        """As `Backend.remove`."""
+        known = self.find(name) is not None
         with reached(f"{self._path(name)} cannot be removed"), suppress(FileNotFoundError):
             self._files.rm_file(self._path(name))
         return known
 
     def _path(self, name: str) -> str:
         return f"{self._url}/{name}"
+
+
+def _found(info: Any) -> Found:
+    """What s3fs says of an object, or of a folder, which has no revision."""
+    modified = info.get("LastModified")
+    return Found(
+        str(info.get("ETag", "")), int(info["size"]), modified.timestamp() if modified else 0.0
+    )
 
 
 def _asking() -> Any:

@@ -1,11 +1,11 @@
-"""A folder that several machines mount, as the place of a shared store."""
+"""A folder that several machines mount, as the backend of a shared store."""
 
 from __future__ import annotations
 
 import os
 import re
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -13,18 +13,19 @@ from typing import TypeVar
 
 from rhytid.errors import InputError, SharedStoreError, StorageError, StoreFormatError
 from rhytid.storage.homes import ID
-from rhytid.storage.shared.place import (
+from rhytid.storage.shared.backend import (
     MANIFESTS,
     OBJECT,
     OBJECTS,
     PARTIAL,
     SHARED_STORE,
+    Found,
     damaged,
     reached,
     too_large,
 )
 from rhytid.support import atomic_files, cancellation
-from rhytid.support.atomic_files import copy_file, sync_file, sync_folder, write_file
+from rhytid.support.atomic_files import copy_file, sync_file, sync_folder, write_file, write_pieces
 from rhytid.support.ownership import (
     NotPlainError,
     check_owned,
@@ -44,7 +45,7 @@ _PIECE = 1 << 20
 _MANIFEST = re.compile(ID.pattern + r"\.json", re.ASCII)
 
 
-class FolderPlace:
+class FolderBackend:
     """Objects as files below a folder, written aside in its `partial` and renamed.
 
     What is made there is for its owner alone; where the group of the folder may write into it, for
@@ -53,19 +54,21 @@ class FolderPlace:
     made the shared store. Nothing is changed there then.
     """
 
+    fresh = 0.0
+
     def __init__(self, folder: Path) -> None:
         if not folder.is_dir():
             raise InputError(f"shared store {folder}: no such folder; make it, or mount it")
         self._folder, self._partial = folder.resolve(), folder.resolve() / PARTIAL
         self._claimed = False
         with suppress(OSError), _refused(self):  # a mount that fails now may be back later
-            check_owned(self._folder, SHARED_STORE, _holds_assets)
+            check_owned(self._folder, SHARED_STORE, holds_assets)
 
     def __str__(self) -> str:
         return str(self._folder)
 
     def check(self) -> None:
-        """As `Place.check`; removes what writers that ended long ago left behind."""
+        """As `Backend.check`; removes what writers that ended long ago left behind."""
         with reached(f"shared store {self} cannot be read"):
             self.claim()
             group = has_group(self._folder)
@@ -76,47 +79,78 @@ class FolderPlace:
             atomic_files.sweep_partial(self._partial, at_once=False)
 
     def claim(self) -> None:
-        """As `Place.claim`; raises InputError where something in the way is not ours."""
+        """As `Backend.claim`; raises InputError where something in the way is not ours."""
         with reached(f"shared store {self} cannot be read"), _refused(self):
             if self._claimed and is_real_folder(self._partial):
                 return
-            self._claimed = check_owned(self._folder, SHARED_STORE, _holds_assets)
+            self._claimed = check_owned(self._folder, SHARED_STORE, holds_assets)
             if not self._claimed:
                 with suppress(OSError):  # it may only be read, or is full: then it is marked later
-                    atomic_files.claim(self._folder, SHARED_STORE, _holds_assets)
+                    atomic_files.claim(self._folder, SHARED_STORE, holds_assets)
                     self._claimed = True
 
-    def size(self, name: str) -> int | None:
-        """As `Place.size`."""
-        return self._found(name, _plain_size)
+    def find(self, name: str) -> Found | None:
+        """As `Backend.find`."""
+        return self._looked(name, _plain)
 
     def read(self, name: str, most: int) -> bytes | None:
-        """As `Place.read`."""
-        return self._found(name, lambda path: self._bounded(name, path, most))
+        """As `Backend.read`."""
+        return self._looked(name, lambda path: self._bounded(name, path, most))
 
     def fetch(self, name: str, to: Path) -> bool:
-        """As `Place.fetch`."""
-        if self._found(name, lambda path: _copy_plain(path, to)) is None:
+        """As `Backend.fetch`."""
+        if self._looked(name, lambda path: _copy_plain(path, to)) is None:
             return False
         with reached(f"{to} cannot be written"):
             sync_file(to)
         return True
 
     def write(self, name: str, data: bytes) -> None:
-        """As `Place.write`."""
+        """As `Backend.write`."""
         self._install(name, lambda aside: write_file(aside, data))
 
+    def local(self, name: str) -> Path | None:
+        """As `Backend.local`."""
+        return self._folder / name
+
     def send(self, name: str, source: Path) -> None:
-        """As `Place.send`."""
+        """As `Backend.send`."""
         self._install(name, partial(copy_file, source))
 
+    def put(self, name: str, pieces: Iterable[bytes | memoryview]) -> None:
+        """As `Backend.put`."""
+        self._install(name, lambda aside: write_pieces(aside, pieces))
+
+    def create(self, name: str, data: bytes) -> bool:
+        """As `Backend.create`."""
+        path = self._folder / name
+        with reached(f"{path} cannot be written"):
+            self.claim()
+            group = has_group(self._folder)
+            try:
+                made = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
+            except FileExistsError:
+                return False
+            try:
+                with open(made, "wb") as file:
+                    file.write(data)
+            except BaseException:  # such as of a full disk: another caller makes it
+                path.unlink(missing_ok=True)
+                raise
+            restrict(path, group=group)
+        return True
+
     def names(self, folder: str) -> list[str]:
-        """As `Place.names`."""
-        found = self._found(folder, lambda path: sorted(file.name for file in path.iterdir()))
+        """As `Backend.names`."""
+        found = self._looked(folder, lambda path: sorted(file.name for file in path.iterdir()))
         return found or []
 
+    def found(self, folder: str) -> dict[str, Found]:
+        """As `Backend.found`."""
+        return self._looked(folder, _plain_files) or {}
+
     def remove(self, name: str) -> bool:
-        """As `Place.remove`, and its folder, where that is empty then."""
+        """As `Backend.remove`, and its folder, where that is empty then."""
         path, known = self._folder / name, False
         with reached(f"{path} cannot be removed"):
             with suppress(FileNotFoundError):
@@ -134,7 +168,7 @@ class FolderPlace:
                 raise too_large(self, name, os.fstat(file.fileno()).st_size, most)
         return data
 
-    def _found(self, name: str, look: Callable[[Path], T]) -> T | None:
+    def _looked(self, name: str, look: Callable[[Path], T]) -> T | None:
         path = self._folder / name
         with reached(f"{path} cannot be read"), suppress(FileNotFoundError):
             try:
@@ -172,7 +206,7 @@ class FolderPlace:
 
 
 @contextmanager
-def _refused(place: FolderPlace) -> Iterator[None]:
+def _refused(place: FolderBackend) -> Iterator[None]:
     """What is not ours in a place was named by the user."""
     try:
         yield
@@ -182,7 +216,7 @@ def _refused(place: FolderPlace) -> Iterator[None]:
         raise InputError(f"shared store {place}: {error}") from error
 
 
-def _holds_assets(folder: Path) -> bool:
+def holds_assets(folder: Path) -> bool:
     """Whether a folder without a marker is a shared store of a release that wrote none."""
     manifests, objects = folder / MANIFESTS, folder / OBJECTS
     if is_real_folder(manifests):
@@ -200,11 +234,19 @@ def _holds_assets(folder: Path) -> bool:
     )
 
 
-def _plain_size(path: Path) -> int:
+def _plain(path: Path) -> Found:
     found = path.lstat()
     if not stat.S_ISREG(found.st_mode):
         raise NotPlainError(path)
-    return found.st_size
+    return Found(f"{found.st_mtime_ns}-{found.st_ino}", found.st_size, found.st_mtime)
+
+
+def _plain_files(folder: Path) -> dict[str, Found]:
+    files = {}
+    for path in sorted(folder.iterdir()):
+        with suppress(FileNotFoundError, NotPlainError):  # removed meanwhile, or not ours
+            files[path.name] = _plain(path)
+    return files
 
 
 def _copy_plain(path: Path, to: Path) -> bool:
