@@ -27,7 +27,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Kind:
-    """What an exception is to a client."""
+    """How a client sees an exception."""
 
     status: int
     name: str
@@ -83,7 +83,7 @@ KINDS: dict[type[BaseException], Kind] = {
 
 
 def kind_of(error: errors.RhytidError) -> Kind:
-    """The row of the table that an exception belongs to."""
+    """Return the row of the table for an exception."""
     return next(KINDS[base] for base in type(error).__mro__ if base in KINDS)
 
 
@@ -95,7 +95,8 @@ def problem(
     headers: Mapping[str, str] | None = None,
     **extra: Any,
 ) -> Response:
-    """An `application/problem+json` response; the title defaults to the phrase of the status."""
+    """Return an `application/problem+json` response; the title defaults to the phrase of the
+    status."""
     clipped = detail if len(detail) <= LONGEST_DETAIL else detail[: LONGEST_DETAIL - 1] + "…"
     title = title or HTTPStatus(status).phrase
     body = {"type": type, "title": title, "status": status, "detail": clipped, **extra}
@@ -106,7 +107,7 @@ def problem(
 
 
 def install(app: FastAPI) -> None:
-    """Answer every exception of the app, the framework's own too, with a problem."""
+    """Have every exception of the app, the framework's own too, answered with a problem."""
     app.add_exception_handler(errors.RhytidError, _deliberate)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _framework)

@@ -44,7 +44,8 @@ async def live(websocket: WebSocket, asset: AssetId) -> None:
 
 
 async def _accept(websocket: WebSocket, subprotocol: str | None, largest: int) -> None:
-    """As `websocket.accept`.  largest: bytes of a message, for `rhytid.cli.web_sockets`."""
+    """Accept the connection as `websocket.accept` does.  largest: most bytes of a message, for
+    `rhytid.cli.web_sockets`."""
     await websocket.receive()
     await websocket.send(
         {"type": "websocket.accept", "subprotocol": subprotocol, "headers": [], "largest": largest}
@@ -68,7 +69,7 @@ def _check_ready(info: AssetInfo) -> None:
 
 
 def _facts(info: AssetInfo) -> dict[str, Any]:
-    """What a client has to know of the asset."""
+    """The facts of the asset that a client needs, for the answer to the header."""
     settings = info.settings
     return {
         "asset": info.id,
