@@ -13,7 +13,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 # Bytes of any kind.
 OCTETS = "application/octet-stream"
-# What is no file: texts, documents, parts of several.
+# Media types that are no files: texts, JSON documents, multipart bodies.
 _OTHERS = ("text/", "multipart/", "application/json", "application/problem+json")
 _WEIGHT = re.compile(r"0(\.[0-9]{0,3})?|1(\.0{0,3})?", re.ASCII)
 

@@ -42,12 +42,12 @@ from rhytid.errors import (
 from rhytid.settings import ServiceSettings
 
 OPEN = "open"
-# Open, and never refused for coming too often: who asks it restarts a server that refuses.
+# Open, and without a limit of rate: a watcher of the server restarts it where this is refused.
 ALIVE = "/healthz"
-# The scope that a caller needs, by method and path. HEAD is as GET. A route that is not here
-# answers nobody. read: asks for what is known and for drawings of it. compute: sends what is to be
-# used. admin: removes what others use, or vouches for it: nobody can check that the wrinkles of a
-# snapshot are those that its mesh grows.
+# The scope that a caller needs, by method and path. HEAD counts as GET. A route that is not here
+# answers nobody. read: asks for assets, frames and drawings. compute: sends meshes and frames.
+# admin: removes assets that others use, or vouches for one: nobody can check that the wrinkles of
+# a snapshot are those that its mesh grows.
 ROUTES = {
     "GET /": OPEN,
     "GET /healthz": OPEN,
@@ -210,7 +210,7 @@ def _address(scope: Scope) -> str:
 def _caller_at(host: str) -> str:
     try:
         address = ipaddress.ip_address(host.partition("%")[0])
-    except ValueError:  # what a proxy passed on
+    except ValueError:  # a proxy has passed on a name
         return "address unknown"
     if address.version == 4:
         return f"address {address}"
@@ -249,7 +249,7 @@ class KeyRing:
     ) -> None:
         self._path, self._every, self._patience, self._mark = path, every, patience, mark
         self._known = _Known(asked)
-        # What the file was when it was read; None = it is to be read.
+        # Facts of the file when it was last read; None = it must be read.
         self._seen: tuple[int, ...] | None = None
         self._next = 0.0
         # The look of a thread, and until when requests wait for it.
@@ -354,7 +354,7 @@ class RateLimiter:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        # What each had left, and when.
+        # Requests that each caller had left, and at which time.
         self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()
 
     def take(self, caller: str, rate: float) -> int:

@@ -11,7 +11,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from rhytid.api.problems import KINDS, problem
 from rhytid.errors import DrainingError
 
-# What answers as ever: whoever watches the server sees that it is there, and how it ends.
+# Paths that are answered to the end: a watcher of the server sees that it runs, and how it ends.
 _WATCHING = ("/healthz", "/metrics")
 _CLOSING = {"Connection": "close", "Retry-After": str(DrainingError.retry_after)}
 

@@ -94,7 +94,7 @@ class FormerFrames:
                 MutableHeaders(scope=message)[NOTICE] = TEXT
             await send(message)
 
-        # In place: what is around reads the route from it afterwards.
+        # In place: the middleware around this reads the route from the scope afterwards.
         scope["path"] = _PATH.sub(rf"\g<1>{NOW}", scope["path"], count=1)
         return self._app(scope, receive, noted)
 

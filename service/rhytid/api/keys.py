@@ -29,7 +29,7 @@ from rhytid.errors import AccessError, StorageError
 from rhytid.storage.lock import FileLock
 
 READ, COMPUTE, ADMIN = SCOPES = ("read", "compute", "admin")
-# What the secret of a key that there is not is compared with.
+# A digest to compare a secret with where no key has its id.
 _NOBODY = "0" * 64
 _KEY = re.compile(rb"rhytid_([0-9a-f]{8})_([A-Za-z0-9_-]{43})")
 FORMAT = 1

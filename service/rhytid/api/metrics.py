@@ -49,16 +49,16 @@ from rhytid.device.figures import (
 )
 
 logger = logging.getLogger(__name__)
-# What the bytes of each budget are held for.
+# The purposes for which bytes of each budget are held.
 PURPOSES = {
     "host": ("answers", "uploads", "jobs"),
     "small": ("answers", "uploads"),
     "spool": ("uploads", "answers"),
 }
-# What can end the process of the device: a fault of its own, a call of the driver that takes too
-# long, somebody else; or it does not start.
+# Causes of a restart of the device's process: a fault of its own, a call of the driver that takes
+# too long, a kill from outside, or a failed start.
 CAUSES = ("fault", "late", "killed", "start")
-# Asked many times a minute by what watches the server; logged where they are refused.
+# Routes that watchers ask many times a minute; only their refusals are logged.
 PROBES = frozenset({"/healthz", "/readyz", "/metrics"})
 _REFUSED = 400
 METHODS = frozenset({"GET", "HEAD", "PUT", "POST", "PATCH", "DELETE", "OPTIONS"})

@@ -20,7 +20,7 @@ from rhytid.logs import request_id
 
 MEDIA_TYPE = "application/problem+json"
 LONGEST_DETAIL = 2000
-# What a caller may ask for again later, counted by kind.
+# Statuses after which a caller may ask again later; they are counted by kind.
 _REFUSALS = (429, 503, 507)
 logger = logging.getLogger(__name__)
 
@@ -183,7 +183,7 @@ async def _unexpected(request: Request, error: Exception) -> Response:
     # The exception goes on to the ASGI server, which logs its trace and ends the connection:
     # without the header a client would ask again on a connection that is about to break.
     logger.error("%s failed: %s", _call(request), type(error).__name__)
-    # This is answered outside of what adds the id to the other answers.
+    # This is answered outside of the middleware that adds the id to the other answers.
     headers = {"Connection": "close", "X-Request-Id": request_id.get()}
     return problem(500, "the server's log has the reason", headers=headers)
 

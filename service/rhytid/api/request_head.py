@@ -30,7 +30,7 @@ _LONGEST = 262
 _HOST = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([^\s:\[\]@/?#,]+))(?::[0-9]{0,5})?", re.ASCII)
 HEADER = "X-Request-Id"
 _NAME = HEADER.lower().encode()
-# What may stand in a header, in a log and in a label without being quoted.
+# Characters that need no quotes in a header, in a log and in a label.
 _FORM = re.compile(rb"[A-Za-z0-9._~+/=:-]{1,128}")
 
 
@@ -140,8 +140,8 @@ class RequestIds:
         if scope["type"] not in ("http", "websocket"):
             return self.app(scope, receive, send)
         found = id_of(scope["headers"])
-        # It is not taken back: what answers a failure, outside of this, tells it, too. The server
-        # runs every request in a context of its own.
+        # It is not reset: the handler of unexpected failures, outside of this middleware, sends the
+        # id, too. The server runs every request in a context of its own.
         request_id.set(found)
         header = (_NAME, found.encode("ascii"))
 

@@ -23,7 +23,7 @@ PIECES = "rhytid.pieces"
 # Bytes that are passed to the server at a time, and as the last of an answer. So much of it may
 # still be in the server's buffers after its memory was given back.
 PIECE, LAST = 1 << 20, 1 << 16
-# What is decoded of an upload, and the bytes that it is decoded from, over these bytes.
+# Memory that an upload takes, with all that is decoded of it, over its own bytes.
 DECODED = 3
 # Small answers and frames have a budget of their own, of so many times less than that of all
 # others, so that they do not wait for uploads. One may have an eighth of it, or so many bytes.

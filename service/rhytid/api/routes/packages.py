@@ -47,7 +47,7 @@ KEY_HEADER = {
         }
     }
 }
-# One range; what is no such range is answered with the whole file.
+# One range; any other header is answered with the whole file.
 _RANGE = re.compile(r"bytes=(\d{0,18})-(\d{0,18})", re.ASCII)
 MAKING: Responses = {
     202: {"model": Job, "description": "It is being made: ask again when the job has ended"}
@@ -125,7 +125,7 @@ def _found(
     def find() -> Package | JobInfo:
         ask = partial(engine.packages.of, asset, query.levels, query.key)
         found = ask(begin=False)
-        if found is None:  # only what starts a job takes a place among those of the caller
+        if found is None:  # only a request that starts a job needs a claim to one
             with places() as place:
                 found = ask()
                 if isinstance(found, JobInfo):
