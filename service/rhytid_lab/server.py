@@ -1,4 +1,4 @@
-"""A server for a while: started as a process of its own, and asked through the client SDK."""
+"""A temporary server: started as a process of its own, and asked through the client SDK."""
 
 from __future__ import annotations
 
@@ -20,11 +20,10 @@ _LISTENS = re.compile(r"^rhytid \S+ on (http://[^,\s]+),", re.MULTILINE)
 
 @contextmanager
 def served(store: Path, device: str, *options: str) -> Iterator[str]:
-    """The URL of `rhytid serve` on a free loopback port; it ends with the block.
+    """Run `rhytid serve` on a free loopback port within the block; yields its URL.
 
-    device: its number.  options: further ones of the command.
-
-    Raises RhytidError with what the server printed where it does not start.
+    device: number of the device.  options: further ones of the command. Raises RhytidError with the
+    server's output where it does not start.
     """
     command = [sys.executable, "-m", "rhytid", "serve", "--port", "0"]
     command += ["--store", str(store), "--device", device, "--without-keys", *options]
@@ -45,7 +44,8 @@ def served(store: Path, device: str, *options: str) -> Iterator[str]:
 
 @contextmanager
 def connected(url: str) -> Iterator[rhytid_client.Client]:
-    """A client of a server; its errors in the block become a RhytidError with the same message."""
+    """Yield a client of a server; its errors in the block become a RhytidError with the same
+    message."""
     with closing(rhytid_client.Client(url)) as client:
         try:
             yield client

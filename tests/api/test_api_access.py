@@ -21,7 +21,7 @@ from api.asking import NPY, is_problem, npy
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.patch import smile, upload
-from rhytid.api.access import OPEN, ROUTES, Access, Rates
+from rhytid.api.access import OPEN, ROUTES, Access, RateLimiter
 from rhytid.api.app import create_app
 from rhytid.api.keys import SCOPES, ApiKey, new_key, utc_now, write_keys
 from rhytid.errors import ApiKeyError, QuotaError
@@ -331,13 +331,13 @@ def ring(tmp_path: Path, *keys: ApiKey) -> ServiceSettings:
 @pytest.fixture
 def stopped(monkeypatch: pytest.MonkeyPatch) -> None:
     """The clock of the rates stands still."""
-    monkeypatch.setattr("rhytid.api.access.Rates", lambda: Rates(lambda: 1.0))
+    monkeypatch.setattr("rhytid.api.access.RateLimiter", lambda: RateLimiter(lambda: 1.0))
 
 
 def test_each_key_has_a_rate_of_its_own(tmp_path: Path, stopped: None) -> None:
     (one, a), (two, b) = new_key("one", {"read"}), new_key("two", {"read"}, rate=3)
     access = Access(ring(tmp_path, a, b))
-    asyncio.run(access.fresh())
+    asyncio.run(access.refresh())
     # From wherever they come: two seconds' worth may be saved.
     assert admitted(access, 15, one, "10.0.0.1") + admitted(access, 15, one, "10.0.0.2") == 20
     assert admitted(access, 15, two, "10.0.0.1") == 6
@@ -346,7 +346,7 @@ def test_each_key_has_a_rate_of_its_own(tmp_path: Path, stopped: None) -> None:
 def test_who_shows_no_key_is_counted_by_address(tmp_path: Path, stopped: None) -> None:
     shown, key = new_key("one", {"read"})
     access = Access(ring(tmp_path, key))
-    asyncio.run(access.fresh())
+    asyncio.run(access.refresh())
     for _ in range(20):
         with pytest.raises(ApiKeyError):
             access.admit(request(None), "read")

@@ -148,14 +148,14 @@ def test_who_waits_for_a_look_does_not_hold_the_event_loop(
 
     async def asking() -> None:
         ring = KeyRing(file, every=0.0, patience=0.2)
-        waiting = asyncio.create_task(ring.fresh())
+        waiting = asyncio.create_task(ring.refresh())
         while not reading.is_set():
             await asyncio.sleep(0.01)
         assert not waiting.done()
         await waiting
         assert ring.asked
         for _ in range(3):  # and the others do not wait as long again
-            await ring.fresh()
+            await ring.refresh()
             with pytest.raises(StorageError, match="cannot be read"):
                 ring.find(shown.encode())
         assert len([one for one in threading.enumerate() if one.name == "rhytid-keys"]) == 1
@@ -163,7 +163,7 @@ def test_who_waits_for_a_look_does_not_hold_the_event_loop(
         key = None
         while key is None:
             await asyncio.sleep(0.01)
-            await ring.fresh()
+            await ring.refresh()
             with suppress(StorageError):
                 key = ring.find(shown.encode())
 

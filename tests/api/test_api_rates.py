@@ -11,7 +11,7 @@ from api.asking import NPY, built, is_problem, npy
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.patch import obj, smile, upload
-from rhytid.api.access import REMEMBERED, SAVED, Caller, Rates
+from rhytid.api.access import REMEMBERED, SAVED, Caller, RateLimiter
 from rhytid.api.admission import JobShares
 from rhytid.engine.messages import JobInfo
 from rhytid.errors import NotFoundError, QuotaError, SettingsError
@@ -27,7 +27,7 @@ class Clock:
 
 def test_a_caller_has_its_rate_and_what_it_saved() -> None:
     clock = Clock()
-    rates = Rates(clock)
+    rates = RateLimiter(clock)
     assert [rates.take("a", 4) for _ in range(int(SAVED * 4))] == [0] * 8
     assert rates.take("a", 4) == 1
     assert rates.take("b", 4) == 0  # another's is its own
@@ -39,7 +39,7 @@ def test_a_caller_has_its_rate_and_what_it_saved() -> None:
 
 def test_it_is_told_when_to_come_again() -> None:
     clock = Clock()
-    rates = Rates(clock)
+    rates = RateLimiter(clock)
     slow = 0.25
     assert rates.take("a", slow) == 0
     assert rates.take("a", slow) == 4
@@ -48,7 +48,7 @@ def test_it_is_told_when_to_come_again() -> None:
 
 
 def test_callers_that_are_remembered_are_bounded() -> None:
-    rates = Rates(Clock())
+    rates = RateLimiter(Clock())
     for i in range(REMEMBERED + 10):
         rates.take(f"address {i}", 1)
     assert len(rates) == REMEMBERED

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from bench.contests import small_bench
+from bench.small_bench import small_bench
 from rhytid.device.runtime import Device
 from rhytid_lab.bench import peers
-from rhytid_lab.bench.contest import OURS, Contest
+from rhytid_lab.bench.comparison import OURS, Comparison
 from rhytid_lab.bench.frame import FrameBench
 
 pytestmark = pytest.mark.peers
@@ -29,10 +29,10 @@ def bench(device: Device) -> Iterator[FrameBench]:
     ("name", "case"), [(name, case) for name in peers.PEERS for case in peers.cases_of(name)]
 )
 def test_a_peer_agrees(bench: FrameBench, name: str, case: str) -> None:
-    standings = Contest(bench, (OURS, name), 1).hold([case])
+    results = Comparison(bench, (OURS, name), 1).run([case])
 
-    assert standings.left == []
-    assert 0 < standings.entries[1].max_difference < CLOSE.get(case, 1e-5)
+    assert results.untimed == []
+    assert 0 < results.timings[1].max_difference < CLOSE.get(case, 1e-5)
 
 
 @pytest.mark.parametrize("name", peers.PEERS)

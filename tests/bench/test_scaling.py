@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from bench.contests import SIZE
+from bench.small_bench import SIZE
 from rhytid.cli import main
 from rhytid.device.runtime import Device
 from rhytid_lab.bench import scaling

@@ -132,7 +132,7 @@ BLOCKED = """
 import hashlib, sys
 from pathlib import Path
 from rhytid.cli.termination import interruptible
-from rhytid.unfinished import temporary_folder
+from rhytid.support.temporary_folders import temporary_folder
 with interruptible() as interruption, temporary_folder("x", Path(sys.argv[1])) as folder:
     interruption.command = "bake"
     (folder / "part").touch()

@@ -198,7 +198,7 @@ def test_who_sends_too_often_is_read_later(
     server: httpx.Client, asset: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     paused = Paused()
-    monkeypatch.setattr(session, "Rates", lambda: paused)
+    monkeypatch.setattr(session, "RateLimiter", lambda: paused)
     with speaking(server, asset) as speaker:
         speaker.open(tiles=[TILE])
         for number in range(1, 6):

@@ -1,4 +1,4 @@
-"""Which of several media types a client wants: the header `Accept` (RFC 9110, section 12.5.1)."""
+"""Content negotiation by the header `Accept` (RFC 9110, section 12.5.1)."""
 
 from __future__ import annotations
 
@@ -13,34 +13,36 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 # Bytes of any kind.
 OCTETS = "application/octet-stream"
-# What is no file: texts, documents, parts of several.
+# Media types that are no files: texts, JSON documents, multipart bodies.
 _OTHERS = ("text/", "multipart/", "application/json", "application/problem+json")
 _WEIGHT = re.compile(r"0(\.[0-9]{0,3})?|1(\.0{0,3})?", re.ASCII)
 
 
 @dataclass(frozen=True)
 class _Range:
-    """One entry of the header: what it names, such as `text/*`, its weight and its place."""
+    """One entry of the header: a media type or a range such as `text/*`, its weight, and its
+    position in the header."""
 
     name: str
     weight: float
     place: int
 
     def fits(self, offer: str) -> bool:
-        """Whether it means this type."""
+        """Whether the entry covers this media type."""
         return self.name in (offer, "*/*", offer.partition("/")[0] + "/*")
 
     @property
     def precision(self) -> tuple[bool, bool]:
-        """A name overrides `type/*`, and that overrides `*/*`."""
+        """How precise the entry is: a type overrides `type/*`, and that overrides `*/*`."""
         return self.name != "*/*", not self.name.endswith("/*")
 
 
 def preferred(request: Request, offers: tuple[str, ...]) -> str:
-    """The offer of the highest weight; of equal ones what the client names first, then what is
-    offered first. Raises a 406 where none has a weight above 0.
+    """Return the offer that the client prefers: the one of the highest weight; of equal weights the
+    one that the client names first, then the one that is offered first.
 
-    An entry whose weight cannot be read counts as not sent; other parameters are not compared.
+    Raises HTTPException, a 406, where no offer has a weight above 0. An entry whose weight cannot
+    be read is ignored; other parameters are not compared.
     """
     accept = ", ".join(request.headers.getlist("accept"))
     ranges = _ranges(accept or "*/*")
@@ -62,7 +64,8 @@ def _ranges(accept: str) -> list[_Range]:
 
 
 def _rated(offer: str, ranges: list[_Range]) -> tuple[float, int]:
-    """Weight of an offer by the most precise entry that fits, and how early that stands."""
+    """Return the weight of an offer by the most precise entry that fits, and minus the position of
+    that entry."""
     fitting = [entry for entry in ranges if entry.fits(offer)]
     if not fitting:
         return 0.0, 0
@@ -71,14 +74,14 @@ def _rated(offer: str, ranges: list[_Range]) -> tuple[float, int]:
 
 
 class PlainBytes:
-    """ASGI middleware: a file is called `application/octet-stream` where a client accepts that and
+    """ASGI middleware: labels a file `application/octet-stream` where the client accepts that and
     not the type of the file. The bytes are the same."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
 
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
-        """Pass the request on."""
+        """Pass the request on; change the Content-Type of its answer where it must be."""
         accept = ", ".join(Headers(scope=scope).getlist("accept")) if "headers" in scope else ""
         if scope["type"] != "http" or OCTETS not in accept.lower():
             return self.app(scope, receive, send)

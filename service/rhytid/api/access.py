@@ -42,12 +42,12 @@ from rhytid.errors import (
 from rhytid.support.settings import ServiceSettings
 
 OPEN = "open"
-# Open, and never refused for coming too often: who asks it restarts a server that refuses.
+# Open, and without a limit of rate: a watcher of the server restarts it where this is refused.
 ALIVE = "/healthz"
-# The scope that a caller needs, by method and path. HEAD is as GET. A route that is not here
-# answers nobody. read: asks for what is known and for drawings of it. compute: sends what is to be
-# used. admin: removes what others use, or vouches for it: nobody can check that the wrinkles of a
-# snapshot are those that its mesh grows.
+# The scope that a caller needs, by method and path. HEAD counts as GET. A route that is not here
+# answers nobody. read: asks for assets, frames and drawings. compute: sends meshes and frames.
+# admin: removes assets that others use, or vouches for one: nobody can check that the wrinkles of
+# a snapshot are those that its mesh grows.
 ROUTES = {
     "GET /": OPEN,
     "GET /healthz": OPEN,
@@ -101,7 +101,8 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Caller:
-    """Who asks: a key or an address.  rate: requests per second, jobs: unfinished, at most."""
+    """A caller: a key or an address.  rate: most requests per second.  jobs: most unfinished
+    jobs."""
 
     name: str
     rate: int
@@ -109,13 +110,17 @@ class Caller:
 
     @classmethod
     def of(cls, scope: Scope) -> Caller:
-        """Of a request that the guard let in."""
+        """Return the caller of a request that the guard let in."""
         caller: Caller = scope[CALLER]
         return caller
 
 
 async def guard(connection: HTTPConnection) -> None:
-    """A dependency of the whole app: every route runs it before anything of the request is read."""
+    """Let the caller of a request in, or refuse it. A dependency of the whole app: every route runs
+    it before anything else of the request is read.
+
+    Raises what `Access.admit` does, and RhytidError for a route that has no row in ROUTES.
+    """
     scope = connection.scope
     method = "GET" if scope.get("method") == "HEAD" else scope.get("method", "WS")
     path = scope["route"].path_format
@@ -126,31 +131,32 @@ async def guard(connection: HTTPConnection) -> None:
         raise RhytidError(f"{method} {path} is in no row of the table of scopes")
     access: Access = connection.app.state.access
     if needed != OPEN:
-        await access.fresh()
+        await access.refresh()
     access.admit(scope, needed)
     call_context.caller.set(Caller.of(scope).name)
 
 
 class Access:
-    """Lets callers in by their keys, as often as they may ask."""
+    """Checks the keys of callers, and how often each of them asks."""
 
     def __init__(self, settings: ServiceSettings) -> None:
         self._rate, self._jobs = settings.key_rate, settings.key_jobs
-        self._rates = Rates()
+        self._rates = RateLimiter()
         self._ring = None
         if settings.ask_keys is not False:
             asked = settings.ask_keys is True
             self._ring = KeyRing(settings.key_file, asked=asked, mark=settings.key_mark)
 
-    async def fresh(self) -> None:
-        """Look at the keys where it is time to, before `admit`."""
+    async def refresh(self) -> None:
+        """Read the file of the keys again where it has changed; call it before `admit`."""
         if self._ring is not None:
-            await self._ring.fresh()
+            await self._ring.refresh()
 
     def admit(self, scope: Scope, needed: str) -> None:
-        """Let a caller in who may do what `needed` names, by the keys that `fresh` has found.
+        """Let a caller in that has the scope `needed`, by the keys that the last `refresh` found.
 
-        Raises ApiKeyError, ScopeError, QuotaError, and StorageError where the keys cannot be read.
+        Raises ApiKeyError without a valid key, ScopeError where the key lacks the scope, QuotaError
+        above the rate of the caller, and StorageError where the keys cannot be read.
         """
         address = Caller(_address(scope), self._rate, self._jobs)
         caller = address
@@ -182,7 +188,8 @@ class Access:
 
 
 def _keys_offered(scope: Scope) -> list[bytes]:
-    """Keys among the subprotocols that a WebSocket offers, as Authorization would have them."""
+    """Keys among the subprotocols that a WebSocket offers, in the form of an Authorization
+    header."""
     offered = (one.encode("latin-1", "replace") for one in scope.get("subprotocols", ()))
     found = (one for one in offered if one.startswith(KEY_PROTOCOL))
     return [b"Bearer " + one[len(KEY_PROTOCOL) :] for one in found]
@@ -203,7 +210,7 @@ def _address(scope: Scope) -> str:
 def _caller_at(host: str) -> str:
     try:
         address = ipaddress.ip_address(host.partition("%")[0])
-    except ValueError:  # what a proxy passed on
+    except ValueError:  # a proxy has passed on a name
         return "address unknown"
     if address.version == 4:
         return f"address {address}"
@@ -212,8 +219,8 @@ def _caller_at(host: str) -> str:
 
 @dataclass(frozen=True)
 class _Known:
-    """What the last look has found.  asked: whether a key is asked for.  trouble: why the keys
-    cannot be read; empty where they can."""
+    """The keys as the last look at the file found them.  asked: whether a key is asked for.
+    trouble: why the keys cannot be read; empty where they can."""
 
     asked: bool
     keys: Mapping[str, ApiKey] = field(default_factory=dict)
@@ -221,14 +228,14 @@ class _Known:
 
 
 class KeyRing:
-    """The keys of a file, as of the last `look` or `fresh`. One thread asks, another may look.
+    """The keys of a file, as of the last `look` or `refresh`. One thread asks, another may look.
 
-    Who shows none is let in as long as there has never been a file; once one was seen a key is
-    asked for, even when it is gone again. A file that cannot be read lets nobody in.
+    A caller without a key is let in as long as there has never been a file. Once a file was seen a
+    key is asked for, even when the file is gone again. A file that cannot be read lets nobody in.
 
-    asked: True = a key is asked for whether there is a file or not.  every: seconds between looks.
-    patience: seconds that a request waits for a look.  mark: a file that is left once keys were
-    read, where its folder is there; None = none.
+    asked: True = a key is asked for whether there is a file or not.  every: seconds between two
+    looks.  patience: seconds that a request waits for a look.  mark: a file that is left once keys
+    were read, where its folder exists; None = none.
     """
 
     def __init__(
@@ -242,7 +249,7 @@ class KeyRing:
     ) -> None:
         self._path, self._every, self._patience, self._mark = path, every, patience, mark
         self._known = _Known(asked)
-        # What the file was when it was read; None = it is to be read.
+        # Facts of the file when it was last read; None = it must be read.
         self._seen: tuple[int, ...] | None = None
         self._next = 0.0
         # The look of a thread, and until when requests wait for it.
@@ -255,17 +262,17 @@ class KeyRing:
         return self._known.asked
 
     def find(self, shown: bytes) -> ApiKey | None:
-        """The valid key that was shown, if it is one; raises StorageError where the file cannot be
-        read."""
+        """Return the valid key that was shown, or None; raises StorageError where the file cannot
+        be read."""
         known = self._known
         if known.trouble:
             raise StorageError(f"the API keys of {self._path} cannot be read")
         kept = known.keys.get(key_id(shown) or "")
         return kept if proves(shown, kept) and kept is not None and kept.valid(utc_now()) else None
 
-    async def fresh(self) -> None:
-        """Look at the file where it is time to, on a thread: its file system may hang. Nobody is
-        let in while a look takes longer than `patience`."""
+    async def refresh(self) -> None:
+        """Look at the file, on a thread because its file system may hang, if the last look is
+        `every` seconds old. Nobody is let in while a look takes longer than `patience`."""
         if self._looking is not None and self._looking.done():
             self._looking = None
         now = time.monotonic()
@@ -281,7 +288,7 @@ class KeyRing:
             self._learn(replace(self._known, asked=True, keys={}, trouble=rule))
 
     def _begun(self) -> Future[None]:
-        """A look on a thread of its own, which ends with the process."""
+        """Begin a look on a thread of its own, which ends with the process."""
         done: Future[None] = Future()
 
         def run() -> None:
@@ -294,7 +301,7 @@ class KeyRing:
         return done
 
     def look(self) -> None:
-        """Look at the file where it is time to; may block."""
+        """Look at the file if the last look is `every` seconds old; may block."""
         if (now := time.monotonic()) < self._next:
             return
         self._next = now + self._every
@@ -328,8 +335,8 @@ class KeyRing:
                 _log.warning("%s", error)
 
     def _facts(self) -> tuple[int, ...] | None:
-        """What of a file changes with it: nothing where there is none, None where it cannot be
-        seen."""
+        """The facts of the file that change with it; empty where there is no file, None where it
+        cannot be seen."""
         try:
             found = self._path.stat()
         except FileNotFoundError:
@@ -339,19 +346,19 @@ class KeyRing:
         return found.st_ino, found.st_mtime_ns, found.st_ctime_ns, found.st_size
 
 
-class Rates:
+class RateLimiter:
     """A token bucket for each caller, in bounded memory. For one thread.
 
-    clock: seconds that only grow.
+    clock: a clock in seconds that never goes back.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        # What each had left, and when.
+        # Requests that each caller had left, and at which time.
         self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()
 
     def take(self, caller: str, rate: float) -> int:
-        """0 where the caller may ask now; else in how many seconds it may, 1 at least.
+        """Return 0 where the caller may ask now; else the seconds after which it may, at least 1.
 
         rate: requests per second; `SAVED` times as many may come at once.
         """

@@ -1,4 +1,4 @@
-"""How much may be under way at once: requests that wait for the device, large answers, unfinished
+"""Limits on what is under way at once: requests that wait for the device, large answers, unfinished
 jobs of a caller, live connections and listeners."""
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ MOST_LIVE, MOST_LIVE_EACH = 64, 16
 
 
 class DeviceSlots:
-    """At most `count` requests wait for the device or encode what it drew."""
+    """Lets at most `count` requests wait for the device or encode what it drew."""
 
     def __init__(self, count: int) -> None:
         self._count = count
@@ -44,8 +44,8 @@ class DeviceSlots:
     def one(self, gone: Callable[[], bool] = lambda: False) -> Iterator[None]:
         """Hold a slot within the block; raises BusyError at once if none is free.
 
-        gone: whether the client is; the engine then stops what it draws in the block and raises
-        CancelledError.
+        gone: whether the client has closed its connection. The engine then stops what it draws in
+        the block and raises CancelledError.
         """
         if not self._free.acquire(blocking=False):
             raise BusyError(f"{waiting_requests(self._count)} already")
@@ -57,8 +57,8 @@ class DeviceSlots:
 
 
 class ClientGone:
-    """Whether the client of a request has closed its connection. For the thread that answers a
-    request whose body has been read."""
+    """Tells whether the client of a request has closed its connection. For the thread that answers
+    a request whose body has been read."""
 
     def __init__(self, request: Request) -> None:
         self._request = request
@@ -75,16 +75,16 @@ class ClientGone:
 
 
 class LargeAnswers:
-    """At most AT_ONCE answers of HUGE bytes and more are made at a time: the device draws one after
-    the other anyway, and what is drawn takes memory until it is encoded."""
+    """Lets at most AT_ONCE answers of HUGE bytes and more be made at a time. The device draws one
+    after the other anyway, and a map takes memory until it is encoded."""
 
     def __init__(self) -> None:
         self._free = threading.BoundedSemaphore(AT_ONCE)
 
     @contextmanager
     def one(self, nbytes: int) -> Iterator[None]:
-        """Make an answer of so many bytes within the block; raises HostBusyError where others take
-        too long, CancelledError where nobody waits for it any more."""
+        """Make an answer of so many bytes within the block. Raises HostBusyError where other
+        answers take too long, CancelledError where the client is gone."""
         if nbytes < HUGE:
             yield
             return
@@ -101,21 +101,23 @@ class LargeAnswers:
 
 
 class JobShare:
-    """A place for one job, until it has ended; several that name the same job are one."""
+    """A caller's claim to one unfinished job, until that has ended. Several claims to the same job
+    count once."""
 
     def __init__(self, caller: str) -> None:
         self.caller = caller
         self.job: str | None = None
 
     def take(self, job: str | None) -> None:
-        """The job that stands in it; None = none was needed."""
+        """Name the job that the claim is for; None = no job was needed."""
         self.job = job
 
 
 class JobShares:
-    """Counts unfinished jobs by who asked for them. Safe from any thread.
+    """Counts the unfinished jobs of each caller. Safe from any thread.
 
-    info: how far a job is; raises NotFoundError for one that is not known any more.
+    info: returns the state of a job by its id; raises NotFoundError for a job that is not known any
+    more.
     """
 
     def __init__(self, info: Callable[[str], JobInfo]) -> None:
@@ -125,7 +127,7 @@ class JobShares:
 
     @contextmanager
     def one(self, caller: Caller) -> Iterator[JobShare]:
-        """A place for a job; it is free again after the block where that named none.
+        """Claim a job within the block; a claim that names no job ends with the block.
 
         Raises QuotaError where the caller has as many unfinished jobs as it may.
         """
@@ -165,10 +167,10 @@ def _same(one: JobShare, other: JobShare) -> bool:
 
 
 class CallerPlaces:
-    """Counts what callers have open. For one thread.
+    """Counts what callers have open, such as connections. For one thread.
 
-    most, most_each: in all, and of one caller.  full, full_each: what is said beyond them, with
-    {count}, and {caller} in the second.
+    most, most_each: the limits in all and for one caller.  full, full_each: the messages beyond
+    them, with {count}, and {caller} in the second.
     """
 
     def __init__(self, most: int, most_each: int, full: str, full_each: str) -> None:
@@ -178,7 +180,8 @@ class CallerPlaces:
 
     @contextmanager
     def one(self, caller: str) -> Iterator[None]:
-        """A place within the block; raises QuotaError and BusyError naming the limit."""
+        """Count one for the caller within the block. Raises QuotaError beyond `most_each` and
+        BusyError beyond `most`, naming the limit."""
         if self._open[caller] >= self._most_each:
             raise QuotaError(self._full_each.format(caller=caller, count=self._most_each), 1)
         if self._open.total() >= self._most:
@@ -209,8 +212,8 @@ class LivePlaces(CallerPlaces):
 
 @asynccontextmanager
 async def threads(app: FastAPI) -> AsyncIterator[None]:
-    """The lifespan of the app: a thread per slot, those of live connections too, and LIGHT_THREADS
-    more."""
+    """The lifespan of the app: it has a thread for each slot of the device, one for each live
+    connection, and LIGHT_THREADS more."""
     settings: ServiceSettings = app.state.settings
     slots = settings.queue + MOST_LIVE
     anyio.to_thread.current_default_thread_limiter().total_tokens = slots + LIGHT_THREADS

@@ -1,4 +1,5 @@
-"""What the OpenAPI document says where the signatures cannot: bodies, binaries, problems."""
+"""The parts of the OpenAPI document that signatures cannot express: bodies, binary answers,
+problems, scopes."""
 
 from __future__ import annotations
 
@@ -49,16 +50,17 @@ _PROBLEM = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
 
 
 def problems(*statuses: int) -> Responses:
-    """The statuses of a call that are answered with a problem, and 500."""
+    """Responses of a call that are problems: these statuses, and 500."""
     schema = {"$ref": "#/components/schemas/Problem"}
     content = {MEDIA_TYPE: {"schema": schema}}
     return {s: {"description": HTTPStatus(s).phrase, "content": content} for s in (*statuses, 500)}
 
 
 def binary(*media_types: str) -> Responses:
-    """A 200 whose body is bytes of one of these types; files also as `PlainBytes` names them.
+    """A 200 whose body is bytes of one of these media types; for files also
+    `application/octet-stream`, as `PlainBytes` labels them.
 
-    Generated clients know that name, and few others.
+    Generated clients know that type, and few others.
     """
     content = {media_type: {"schema": BINARY} for media_type in media_types}
     if all(media_type.startswith(("application/", "model/")) for media_type in media_types):
@@ -67,12 +69,12 @@ def binary(*media_types: str) -> Responses:
 
 
 def body(content: Mapping[str, Any], required: bool = True) -> dict[str, Any]:
-    """An `openapi_extra` for a body that the route reads by itself."""
+    """Return an `openapi_extra` for a body that the route reads by itself."""
     return {"requestBody": {"required": required, "content": dict(content)}}
 
 
 def reference(schema: str, description: str = "") -> dict[str, Any]:
-    """A component of the document, and what it is here."""
+    """Refer to a component of the document, with a description of its use here."""
     place = {"$ref": f"#/components/schemas/{schema}"}
     return {**place, "description": description} if description else place
 
@@ -210,7 +212,7 @@ TILES_ONCE: Responses = {
 
 
 def describe(app: FastAPI) -> dict[str, Any]:
-    """The OpenAPI document, with problems in place of the framework's own error models."""
+    """Return the OpenAPI document, with problems in place of the framework's own error models."""
     if app.openapi_schema is None:
         document = get_openapi(
             # Generators name a package after it; that of the SDK is rhytid_client.
@@ -234,7 +236,8 @@ def describe(app: FastAPI) -> dict[str, Any]:
 
 
 def _document_access(document: dict[str, Any]) -> None:
-    """Add to every call of a document which scope it needs, and how it may be refused."""
+    """Add to every call of a document the scope that it needs and the statuses by which it may be
+    refused."""
     document["components"]["securitySchemes"] = {SCHEME: KEY}
     for path, calls in document["paths"].items():
         for method, call in calls.items():
@@ -248,6 +251,7 @@ def _document_access(document: dict[str, Any]) -> None:
 
 
 def refusals(path: str, scope: str, *, sends: bool) -> list[int]:
-    """Statuses of what is refused before a route sees it.  sends: whether it takes a body."""
+    """Return the statuses of refusals that come before a route runs.  sends: whether the call takes
+    a body."""
     keys = [] if scope == OPEN else [401]
     return [400, *keys, 403, *([415] if sends else []), *([] if path == ALIVE else [429])]

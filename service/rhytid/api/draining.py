@@ -1,4 +1,4 @@
-"""The end of a server: requests that run may finish, new ones are sent away."""
+"""Shutting down: requests that run may finish, new ones are refused."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from rhytid.api.problems import KINDS, problem
 from rhytid.errors import DrainingError
 
-# What answers as ever: whoever watches the server sees that it is there, and how it ends.
+# Paths that are answered to the end: a watcher of the server sees that it runs, and how it ends.
 _WATCHING = ("/healthz", "/metrics")
 _CLOSING = {"Connection": "close", "Retry-After": str(DrainingError.retry_after)}
 
 
 class Drain:
-    """Whether a server ends, and what it waits for.
+    """The state of a server that may be shutting down.
 
-    seconds: that requests have to finish.  running: requests that are answered now, but for those
-    that watch the server.
+    seconds: the time that requests have to finish.  running: requests that are being answered,
+    without those that watch the server.
     """
 
     def __init__(self, seconds: float) -> None:
@@ -35,7 +35,7 @@ class Drain:
 
     @property
     def over(self) -> bool:
-        """Whether nothing is waited for any more."""
+        """Whether the server may end: no request runs, or their time is over."""
         by = self._by
         return by is not None and (self.running == 0 or time.monotonic() >= by)
 
@@ -46,7 +46,7 @@ class Drain:
 
 
 class _Closing:
-    """Sends an answer; one that begins once the drain has begun closes its connection."""
+    """Sends an answer; an answer that begins after the drain has begun closes its connection."""
 
     def __init__(self, send: Send, drain: Drain) -> None:
         self._send, self._drain = send, drain
@@ -62,8 +62,9 @@ class _Closing:
 
 
 class Draining:
-    """ASGI middleware: counts what runs; once the drain has begun, refuses what comes and closes
-    connections. What the server cancels at the end of the drain is answered like what comes."""
+    """ASGI middleware: counts the requests that run. Once the drain has begun it refuses new
+    requests and closes connections. A request that the server cancels at the end of the drain is
+    refused in the same way."""
 
     def __init__(self, app: ASGIApp, drain: Drain) -> None:
         self.app = app

@@ -1,7 +1,7 @@
-"""Frames of a mesh file by the names that earlier versions gave them, which counted from 0000.
+"""Former names of the frames of a mesh file, which earlier versions counted from 0000.
 
-Of these names `0000` alone is none today: all others are names of frames now, and mean those. So
-0.1 answers `0000` with the frame that it was, and a notice; 0.2 does not.
+Of these names only `0000` is unused today; the others are names of other frames now. So 0.1 answers
+`0000` with the frame that had this name, and a notice; 0.2 does not.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ _log = logging.getLogger(__name__)
 
 
 class FormerNames:
-    """Assets whose frame `0001` came with their mesh, so that `0000` means it where nobody has
-    stored a frame of that name."""
+    """Remembers the assets whose frame `0001` came with their mesh. For these `0000` means that
+    frame, unless a frame named `0000` was stored."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -39,12 +39,12 @@ class FormerNames:
         self._assets: OrderedDict[str, bool] = OrderedDict()
 
     def sent(self, asset: str) -> None:
-        """A mesh file with frames was sent."""
+        """Note that a mesh file with frames was sent."""
         with self._lock:
             self._note(asset, self._assets.get(asset, True))
 
     def stored(self, asset: str, frame: str) -> None:
-        """A frame was stored under its own name."""
+        """Note that a frame was stored under its own name."""
         with self._lock:
             if frame == FORMER:
                 self._note(asset, False)
@@ -52,13 +52,13 @@ class FormerNames:
                 del self._assets[asset]
 
     def deleted(self, asset: str, frame: str) -> None:
-        """A frame was deleted."""
+        """Note that a frame was deleted."""
         if frame in (FORMER, NOW):
             with self._lock:
                 self._assets.pop(asset, None)
 
     def removed(self, asset: str) -> None:
-        """The asset was removed, with its frames."""
+        """Note that the asset was removed, with its frames."""
         with self._lock:
             self._assets.pop(asset, None)
 
@@ -69,20 +69,21 @@ class FormerNames:
             self._assets.popitem(last=False)
 
     def known(self, asset: str) -> bool:
-        """Whether the former name of a frame of the asset is answered."""
+        """Whether `0000` is answered for the asset."""
         return self._assets.get(asset, False)
 
 
 class FormerFrames:
-    """Reads a former name in the path of a request as the one of today, and says so in the
-    answer."""
+    """ASGI middleware: replaces a former name in the path of a request by the present one, and adds
+    a notice to the answer."""
 
     def __init__(self, app: ASGIApp, names: FormerNames) -> None:
         self._app, self._names = app, names
         self._told: set[str] = set()
 
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
-        """Answer, by today's name where a former one is read."""
+        """Pass the request on, with the present name of the frame where its path has a former
+        one."""
         asset = self._asset(scope)
         if asset is None:
             return self._app(scope, receive, send)
@@ -93,19 +94,20 @@ class FormerFrames:
                 MutableHeaders(scope=message)[NOTICE] = TEXT
             await send(message)
 
-        # In place: what is around reads the route from it afterwards.
+        # In place: the middleware around this reads the route from the scope afterwards.
         scope["path"] = _PATH.sub(rf"\g<1>{NOW}", scope["path"], count=1)
         return self._app(scope, receive, noted)
 
     def _asset(self, scope: Scope) -> str | None:
-        """The asset whose frame is read by its former name; None for any other request."""
+        """The asset of a request that reads a frame by a former name; None for any other
+        request."""
         if scope["type"] != "http" or scope["method"] not in ("GET", "HEAD"):
             return None
         found = _PATH.search(scope["path"]) if f"/frames/{FORMER}" in scope["path"] else None
         return found[2] if found is not None and self._names.known(found[2]) else None
 
     def _tell(self, asset: str) -> None:
-        """Log it once for an asset; it is forgotten with all others where there are many."""
+        """Log the notice once for an asset. All assets are forgotten where there are many."""
         if asset not in self._told:
             if len(self._told) >= MOST:
                 self._told.clear()

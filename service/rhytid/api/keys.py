@@ -1,10 +1,10 @@
-"""API keys: how one is made, and the file that keeps them, JSON that is read and written whole.
+"""API keys, and the file that keeps them: JSON that is read and written whole.
 
 A key is `rhytid_ID_SECRET`: the id finds it, the secret proves it. The secret is 256 random bits,
 not a password: nobody guesses it, so one pass of SHA-256 is enough to keep it by.
 
-Only digests are in the file, so a reader of it gains no key; whoever can write it makes keys. It is
-written for its owner alone, and refused where others may write it.
+The file has digests alone, so that a reader of it gains no key; whoever can write it makes keys. It
+is written for its owner alone, and refused where others may write it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from rhytid.storage.lock import FileLock
 from rhytid.support.atomic_files import install, storage_errors
 
 READ, COMPUTE, ADMIN = SCOPES = ("read", "compute", "admin")
-# What the secret of a key that there is not is compared with.
+# A digest to compare a secret with where no key has its id.
 _NOBODY = "0" * 64
 _KEY = re.compile(rb"rhytid_([0-9a-f]{8})_([A-Za-z0-9_-]{43})")
 FORMAT = 1
@@ -43,10 +43,11 @@ _MARKED = (
 
 @dataclass(frozen=True)
 class ApiKey:
-    """What is kept of a key.
+    """An API key as it is kept, without its secret.
 
-    scopes: of `SCOPES`.  sha256: of the secret, hexadecimal.  expires: None = never.  rate: most
-    requests per second, jobs: most unfinished jobs; None = what the server allows everybody.
+    scopes: some of `SCOPES`.  sha256: hexadecimal digest of the secret.  expires: None = never.
+    rate: most requests per second.  jobs: most unfinished jobs. None for either = what the server
+    allows everybody.
     """
 
     id: str
@@ -59,7 +60,7 @@ class ApiKey:
     jobs: int | None = None
 
     def valid(self, now: datetime) -> bool:
-        """Whether it has not expired."""
+        """Whether the key has not expired."""
         return self.expires is None or now < self.expires
 
 
@@ -70,7 +71,7 @@ def new_key(
     rate: int | None = None,
     jobs: int | None = None,
 ) -> tuple[str, ApiKey]:
-    """A new key in full, which is kept nowhere, and what is kept of it."""
+    """Make a key; returns it in full, which is kept nowhere, and as it is to be kept."""
     id, secret = secrets.token_hex(4), secrets.token_urlsafe(32)
     created = utc_now().replace(microsecond=0)
     kept = ApiKey(id, name, frozenset(scopes), _digest(secret), created, expires, rate, jobs)
@@ -78,13 +79,13 @@ def new_key(
 
 
 def key_id(shown: bytes) -> str | None:
-    """The id that a key claims; None where it does not have the form of one."""
+    """Return the id that a key claims, or None where it does not have the form of a key."""
     found = _KEY.fullmatch(shown)
     return None if found is None else found[1].decode()
 
 
 def proves(shown: bytes, kept: ApiKey | None) -> bool:
-    """Whether the secret of a key is the one that was kept; takes as long where there is none."""
+    """Whether the secret of a shown key is the kept one. Takes as long where `kept` is None."""
     found = _KEY.fullmatch(shown)
     secret = "" if found is None else found[2].decode()
     same = hmac.compare_digest(_digest(secret), _NOBODY if kept is None else kept.sha256)
@@ -92,7 +93,7 @@ def proves(shown: bytes, kept: ApiKey | None) -> bool:
 
 
 def utc_now() -> datetime:
-    """The present time, with its zone."""
+    """The present time in UTC, with its zone."""
     return datetime.now(timezone.utc)
 
 
@@ -101,10 +102,11 @@ def _digest(secret: str) -> str:
 
 
 def read_keys(path: Path) -> list[ApiKey]:
-    """The keys of a file, by the time at which they were made.
+    """Return the keys of a file in the order in which they were made.
 
-    Raises FileNotFoundError where there is none, StorageError where it cannot be read, is not what
-    `write_keys` writes, is no plain file, or may be written by others than its owner.
+    Raises FileNotFoundError where there is no file. Raises StorageError where the file cannot be
+    read, is not one that `write_keys` wrote, is no plain file, or may be written by others than its
+    owner.
     """
     try:
         with open(path, "rb", opener=_opened) as file:
@@ -125,15 +127,15 @@ def read_keys(path: Path) -> list[ApiKey]:
 
 
 def has_valid_key(path: Path) -> bool:
-    """Whether a key of a file is valid now; not where there is no file. Raises StorageError where
-    it cannot be read."""
+    """Whether a key of the file is valid now; False where there is no file. Raises StorageError
+    where the file cannot be read."""
     with suppress(FileNotFoundError):
         return any(key.valid(utc_now()) for key in read_keys(path))
     return False
 
 
 def write_keys(path: Path, keys: list[ApiKey]) -> None:
-    """Put these keys in place of those in the file, at one rename; raises StorageError."""
+    """Replace the keys of a file by these, atomically; raises StorageError."""
     text = json.dumps({"format": FORMAT, "keys": [_as_json(key) for key in keys]}, indent=2) + "\n"
     with storage_errors("the API keys cannot be written"):
         # Such a file is its owner's alone from the start.
@@ -153,10 +155,11 @@ def write_keys(path: Path, keys: list[ApiKey]) -> None:
 
 @contextmanager
 def changing(path: Path) -> Iterator[list[ApiKey]]:
-    """The keys of a file, none where there is none; what the block makes of the list is written.
+    """Change the keys of a file: the block changes the list, which is written when it ends. The
+    list is empty where there is no file.
 
-    Raises StorageError where another process changes them at the same time, and what `read_keys`
-    and `write_keys` do.
+    Raises StorageError where another process changes the file at the same time, and what
+    `read_keys` and `write_keys` raise.
     """
     with storage_errors("the API keys cannot be written"):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -184,8 +187,8 @@ def leave_mark(mark: Path) -> None:
 
 
 def check_mark(path: Path, mark: Path) -> None:
-    """Raise AccessError where there is no file of keys, although there was one: nobody would be
-    asked for a key."""
+    """Raise AccessError where the file of the keys is gone although the mark says that there was
+    one: nobody would be asked for a key."""
     if mark.exists() and not path.exists():
         raise AccessError(
             f"API keys were asked for here ({mark}), and {path} is gone: put it back, make a key "
@@ -194,7 +197,7 @@ def check_mark(path: Path, mark: Path) -> None:
 
 
 def _opened(path: str, flags: int) -> int:
-    """A descriptor, without waiting for somebody to write into a named pipe."""
+    """Open the file without waiting for a writer, should it be a named pipe."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
@@ -207,7 +210,8 @@ def _check_kind(path: Path, found: os.stat_result) -> None:
 
 
 def _give_away(file: Path, folder: Path) -> None:
-    """Where root makes keys for a server that runs as somebody else: to who has the folder."""
+    """Give the file to the owner of the folder, where root makes keys for a server that runs as
+    another user."""
     if os.name != "nt" and os.geteuid() == 0:
         owner = folder.stat()
         os.chown(file, owner.st_uid, owner.st_gid)

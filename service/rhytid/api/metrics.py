@@ -50,16 +50,16 @@ from rhytid.device.figures import (
 )
 
 logger = logging.getLogger(__name__)
-# What the bytes of each budget are held for.
+# The purposes for which bytes of each budget are held.
 PURPOSES = {
     "host": ("answers", "uploads", "jobs"),
     "small": ("answers", "uploads"),
     "spool": ("uploads", "answers"),
 }
-# What can end the process of the device: a fault of its own, a call of the driver that takes too
-# long, somebody else; or it does not start.
+# Causes of a restart of the device's process: a fault of its own, a call of the driver that takes
+# too long, a kill from outside, or a failed start.
 CAUSES = ("fault", "late", "killed", "start")
-# Asked many times a minute by what watches the server; logged where they are refused.
+# Routes that watchers ask many times a minute; only their refusals are logged.
 PROBES = frozenset({"/healthz", "/readyz", "/metrics"})
 _REFUSED = 400
 METHODS = frozenset({"GET", "HEAD", "PUT", "POST", "PATCH", "DELETE", "OPTIONS"})
@@ -68,11 +68,12 @@ SERVER = "server"
 
 
 class Metrics:
-    """The figures of one app, in a registry of its own.
+    """The metrics of one app, in a registry of its own.
 
-    engine: tells what waits, restarts, and what its devices do.  budgets: of bytes, by name.
-    drain: tells what runs.  live: as many as live connections are open.  figures: the stages that
-    the server itself goes through.
+    engine: has the number of waiting requests, the restarts, and the figures of its devices.
+    budgets: budgets of bytes by name.  drain: has the number of running requests.  live: its
+    length is the number of open live connections.  figures: the stages that the server itself goes
+    through.
     """
 
     def __init__(
@@ -130,7 +131,7 @@ class Metrics:
         Gauge(f"rhytid_{name}", about, registry=self.registry).set_function(find)
 
     def bytes_held(self) -> dict[str, dict[str, object]]:
-        """What the budgets of bytes hold, by name."""
+        """Return the bytes that are held of each budget, by its name."""
         return {
             name: {
                 "limit": budget.limit,
@@ -142,7 +143,7 @@ class Metrics:
         }
 
     def collect(self) -> Iterator[Metric]:
-        """What the budgets of bytes hold, and restarts, as Prometheus asks for it."""
+        """Yield restarts and held bytes, when Prometheus asks."""
         restarts = CounterMetricFamily(
             "rhytid_device_restarts",
             "Starts of the device's process after the first, by what had ended it",
@@ -165,21 +166,24 @@ class Metrics:
         yield from (used, limit, waiting)
 
     def describe(self) -> list[Metric]:
-        """No description: the budgets are read by `collect`."""
+        """Describe nothing: the budgets are read by `collect`."""
         return []
 
     def tiles_of(self, method: str) -> Counter:
-        """Counts the tiles and maps of a method."""
+        """The counter of the tiles and maps of a method."""
         return self.tiles.labels(method)
 
     def text(self) -> bytes:
-        """The Prometheus text exposition."""
+        """The metrics in the text format of Prometheus."""
         return generate_latest(self.registry)
 
 
 class Observe:
-    """ASGI middleware: one count, one time and one log line per request; of a WebSocket a line for
-    its handshake."""
+    """ASGI middleware: counts, times and logs each request, and makes its span where there is a
+    tracer. Of a WebSocket it logs the handshake.
+
+    trace_kernels: see `each` of `traced`.
+    """
 
     def __init__(
         self,
@@ -239,7 +243,7 @@ def _printable(path: str) -> str:
 
 
 def _logging_handshake(scope: Scope, send: Send) -> Send:
-    """Logs the answer to the handshake of a WebSocket. Never its query: a key may be in it."""
+    """Log the answer to the handshake of a WebSocket, without its query, which may hold a key."""
     answers = {"websocket.accept": 101, "websocket.close": 403}
     told = False
 
@@ -266,11 +270,11 @@ class FigureMetrics:
         self._devices, self._server = devices, server
 
     def describe(self) -> list[Metric]:
-        """The names and no numbers: there may be no device yet."""
+        """Describe the metrics without numbers: there may be no device yet."""
         return [*_stages({}), *_memory({}), *_jobs({})]
 
     def collect(self) -> Iterator[Metric]:
-        """The numbers now."""
+        """Yield the present numbers."""
         devices = dict(self._devices())
         yield from _stages({SERVER: self._server, **devices})
         yield from _memory(devices)
@@ -278,7 +282,7 @@ class FigureMetrics:
 
 
 def _stages(figures: Mapping[str, Figures]) -> Iterator[Metric]:
-    """Histograms, of what has happened alone: most stages never meet most kinds of work."""
+    """Histograms of the stages that have happened: most stages never meet most kinds of work."""
     family = HistogramMetricFamily(
         "rhytid_stage_seconds",
         "Time of the stages of requests and jobs",

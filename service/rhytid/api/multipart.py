@@ -29,10 +29,10 @@ CRLF = b"\r\n"
 
 @dataclass(frozen=True)
 class Part:
-    """One part of a form; `filename` is None for a plain field. `again`: parts of the same name
-    after it.
+    """One part of a form.
 
-    start, size: where its bytes are in the spool.
+    filename: None for a plain field.  start, size: where its bytes lie in the spool.  again: later
+    parts of the same name.
     """
 
     name: str
@@ -44,12 +44,13 @@ class Part:
 
     @property
     def data(self) -> bytes:
-        """Its bytes, read anew."""
+        """The bytes, read anew."""
         return self.spool.read(self.start, self.size)
 
 
 def boundary(content_type: str) -> bytes:
-    """The boundary of a multipart/form-data Content-Type; 415 for any other type."""
+    """Return the boundary of a multipart/form-data Content-Type; raises HTTPException, a 415, for
+    any other type, and InputError for a boundary of a wrong length."""
     media_type, options = parse_options_header(content_type)
     if media_type != b"multipart/form-data":
         shown = media_type.decode("latin-1")
@@ -62,7 +63,7 @@ def boundary(content_type: str) -> bytes:
 
 
 class PartReader:
-    """Collects the parts of a body that arrives in chunks, their bytes in a spool."""
+    """Reads the parts of a body that arrives in chunks; their bytes go to a spool."""
 
     def __init__(self, boundary: bytes, spool: Spool) -> None:
         self._spool = spool
@@ -84,15 +85,15 @@ class PartReader:
         )
 
     def feed(self, chunk: bytes) -> None:
-        """Take the next bytes; raises InputError naming the part, or the place of a bad byte, and
-        LimitError above MOST_REPEATED parts of a name."""
+        """Read the next chunk. Raises InputError naming the part, or the position of a bad byte,
+        and LimitError above MOST_REPEATED parts of a name."""
         try:
             self._parser.write(chunk)
         except FormParserError as error:
             raise InputError(f"multipart body: {error}") from error
 
     def finish(self) -> dict[str, Part]:
-        """The parts by name; raises InputError where the body was cut."""
+        """Return the parts by name; raises InputError where the body was cut."""
         if not self._ended:
             raise InputError("multipart body ends before its closing boundary")
         return {
@@ -162,14 +163,14 @@ class MixedPart:
 def mixed_response(
     parts: Sequence[MixedPart], headers: Mapping[str, str] | None = None
 ) -> Response:
-    """The parts, in order, as one multipart/mixed response (RFC 2046, section 5.1)."""
+    """Return the parts, in order, as one multipart/mixed response (RFC 2046, section 5.1)."""
     boundary = secrets.token_hex(16)
     media_type = f"multipart/mixed; boundary={boundary}"
     return Response(write(parts, boundary), headers=headers, media_type=media_type)
 
 
 def write(parts: Sequence[MixedPart], boundary: str) -> bytes:
-    """The body of a multipart/mixed message; every part says its Content-Length."""
+    """Return the body of a multipart/mixed message; every part has its Content-Length."""
     pieces: list[bytes] = []
     for part in parts:
         headers = {**part.headers, "Content-Length": str(len(part.body))}

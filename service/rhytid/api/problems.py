@@ -20,14 +20,14 @@ from rhytid.support.logs import request_id
 
 MEDIA_TYPE = "application/problem+json"
 LONGEST_DETAIL = 2000
-# What a caller may ask for again later, counted by kind.
+# Statuses after which a caller may ask again later; they are counted by kind.
 _REFUSALS = (429, 503, 507)
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What an exception is to a client."""
+    """How a client sees an exception."""
 
     status: int
     name: str
@@ -83,7 +83,7 @@ KINDS: dict[type[BaseException], Kind] = {
 
 
 def kind_of(error: errors.RhytidError) -> Kind:
-    """The row of the table that an exception belongs to."""
+    """Return the row of the table for an exception."""
     return next(KINDS[base] for base in type(error).__mro__ if base in KINDS)
 
 
@@ -95,7 +95,8 @@ def problem(
     headers: Mapping[str, str] | None = None,
     **extra: Any,
 ) -> Response:
-    """An `application/problem+json` response; the title defaults to the phrase of the status."""
+    """Return an `application/problem+json` response; the title defaults to the phrase of the
+    status."""
     clipped = detail if len(detail) <= LONGEST_DETAIL else detail[: LONGEST_DETAIL - 1] + "…"
     title = title or HTTPStatus(status).phrase
     body = {"type": type, "title": title, "status": status, "detail": clipped, **extra}
@@ -106,7 +107,7 @@ def problem(
 
 
 def install(app: FastAPI) -> None:
-    """Answer every exception of the app, the framework's own too, with a problem."""
+    """Have every exception of the app, the framework's own too, answered with a problem."""
     app.add_exception_handler(errors.RhytidError, _deliberate)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _framework)
@@ -182,7 +183,7 @@ async def _unexpected(request: Request, error: Exception) -> Response:
     # The exception goes on to the ASGI server, which logs its trace and ends the connection:
     # without the header a client would ask again on a connection that is about to break.
     logger.error("%s failed: %s", _call(request), type(error).__name__)
-    # This is answered outside of what adds the id to the other answers.
+    # This is answered outside of the middleware that adds the id to the other answers.
     headers = {"Connection": "close", "X-Request-Id": request_id.get()}
     return problem(500, "the server's log has the reason", headers=headers)
 

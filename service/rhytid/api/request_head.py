@@ -1,13 +1,12 @@
-"""Heads of requests, read before any route sees them: the id, and whether the request is refused.
+"""Heads of requests, checked before any route sees them; and the id of each request.
 
 The id is the client's, or a new one; the log, problems and the answer have it.
 
-The head is refused by its host, its origin or its framing.
-
-Hosts: a web page whose name was made to lead here (DNS rebinding) calls the server by that name. An
-address in place of a name cannot be rebound: a browser sends it only to that address.
-Origins: a web page of another server may send some requests (a form with files) without asking.
-Framing: a length beside chunks means one thing to a proxy and another to the server behind it.
+A request is refused by its host, its origin or its framing. Host: a web page whose name was made to
+lead here (DNS rebinding) calls the server by that name. An address in place of a name cannot be
+rebound: a browser sends it only to that address. Origin: a web page of another server may send some
+requests (a form with files) without asking. Framing: a length beside chunks means one thing to a
+proxy and another to the server behind it.
 """
 
 from __future__ import annotations
@@ -31,13 +30,13 @@ _LONGEST = 262
 _HOST = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([^\s:\[\]@/?#,]+))(?::[0-9]{0,5})?", re.ASCII)
 HEADER = "X-Request-Id"
 _NAME = HEADER.lower().encode()
-# What may stand in a header, in a log and in a label without being quoted.
+# Characters that need no quotes in a header, in a log and in a label.
 _FORM = re.compile(rb"[A-Za-z0-9._~+/=:-]{1,128}")
 
 
 class CheckHead:
-    """ASGI middleware: refuses what comes by another name, from another's web page, with a length
-    beside chunks, or compressed.
+    """ASGI middleware: refuses a request under an unknown host name, from another server's web
+    page, with a length beside chunks, or with a compressed body.
 
     hosts: names as `skin.example`, `*.example` or `*`.  origins: as `https://pages.example` or `*`.
     """
@@ -50,7 +49,7 @@ class CheckHead:
         self._known = lru_cache(256)(self._is_known)
 
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
-        """Pass the request on, or answer with the problem."""
+        """Pass the request on, or answer it with a problem."""
         if scope["type"] in ("http", "websocket"):
             refusal = self._refusal(scope["headers"])
             if refusal is not None:
@@ -122,8 +121,8 @@ def _shown(value: bytes) -> str:
 
 
 def id_of(headers: Iterable[tuple[bytes, bytes]]) -> str:
-    """What the client calls its request, where that is well formed and sent once; else a new id of
-    32 hexadecimal digits."""
+    """Return the id that the client gave its request, where it is well formed and was sent once;
+    else a new id of 32 hexadecimal digits."""
     given = [value for name, value in headers if name == _NAME]
     if len(given) == 1 and _FORM.fullmatch(given[0]):
         return given[0].decode("ascii")
@@ -141,8 +140,8 @@ class RequestIds:
         if scope["type"] not in ("http", "websocket"):
             return self.app(scope, receive, send)
         found = id_of(scope["headers"])
-        # It is not taken back: what answers a failure, outside of this, tells it, too. The server
-        # runs every request in a context of its own.
+        # It is not reset: the handler of unexpected failures, outside of this middleware, sends the
+        # id, too. The server runs every request in a context of its own.
         request_id.set(found)
         header = (_NAME, found.encode("ascii"))
 

@@ -1,4 +1,4 @@
-"""What a request holds of memory and disk, from its first byte until its answer is sent."""
+"""The memory and the disk that a request holds, from its first byte until its answer is sent."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PIECES = "rhytid.pieces"
 # Bytes that are passed to the server at a time, and as the last of an answer. So much of it may
 # still be in the server's buffers after its memory was given back.
 PIECE, LAST = 1 << 20, 1 << 16
-# What is decoded of an upload, and the bytes that it is decoded from, over these bytes.
+# Memory that an upload takes, with all that is decoded of it, over its own bytes.
 DECODED = 3
 # Small answers and frames have a budget of their own, of so many times less than that of all
 # others, so that they do not wait for uploads. One may have an eighth of it, or so many bytes.
@@ -31,7 +31,7 @@ SMALL_PART, SMALL, SMALL_SHARE = 4, 16 << 20, 8
 
 
 def small_budget(host: ByteBudget) -> ByteBudget:
-    """What small answers and frames may hold beside that budget."""
+    """Return the budget of small answers and frames, which they have beside `host`."""
     return ByteBudget(host.limit // SMALL_PART, "RHYTID_HOST_MEMORY_MB", host.patience)
 
 
@@ -43,10 +43,12 @@ Closed = TypeVar("Closed", bound=_Closable)
 
 
 class RequestMemory:
-    """What one request holds of the budgets; given back when its answer is sent, or it fails.
+    """The parts of the budgets that one request holds; given back when its answer is sent, or it
+    fails.
 
-    host: bytes of memory.  small: those of small requests.  spool: bytes of uploads and large
-    answers on disk, in `folder`, where it is there, else where temporary files are.
+    host: budget of memory.  small: budget of memory for small requests.  spool: budget of disk for
+    uploads and large answers, whose files lie in `folder`, or where temporary files are if that
+    does not exist.  large: limits how many large answers are made at a time.
     """
 
     def __init__(
@@ -65,13 +67,13 @@ class RequestMemory:
 
     @classmethod
     def of(cls, request: Request) -> RequestMemory:
-        """Of a request that `HoldUntilSent` passed on."""
+        """Return the memory of a request that `HoldUntilSent` passed on."""
         state, held = request.app.state, request.scope[_KEY]
         folder = state.settings.store / "partial"
         return cls(held, state.engine.memory, state.small(), state.spool, folder, state.large)
 
     def hold(self, purpose: str, most: int | None = None) -> Hold:
-        """A hold of 0 bytes of memory, for `answers` or `uploads`.
+        """Return a hold of 0 bytes of memory, which may grow.  purpose: `answers` or `uploads`.
 
         most: bytes that it will have; None = not known, so that they may be many.
         """
@@ -81,13 +83,15 @@ class RequestMemory:
         return hold
 
     def answer(self, nbytes: int) -> Hold:
-        """So many bytes for an answer; waits for them. Raises HostBusyError and HostMemoryError."""
+        """Hold so many bytes for an answer; waits for them. Raises HostBusyError where others hold
+        them too long, HostMemoryError where there are never so many."""
         hold = self.hold("answers", nbytes)
         hold.grow(nbytes)
         return hold
 
     def aside(self, body: bytes) -> Spool | None:
-        """A file with an answer, until it is sent; None where the disk has no room for it now."""
+        """Return a file with an answer, which goes when it is sent; None where the disk has no room
+        for it now."""
         if not self._spool.has(len(body)):
             return None
         spool = self.spooled("answers")
@@ -100,19 +104,19 @@ class RequestMemory:
         return spool
 
     def decode(self, nbytes: int) -> Hold:
-        """What an upload of so many bytes takes while it is decoded and used; all of the memory,
-        where it takes more. Waits for it; raises HostBusyError."""
+        """Hold the memory that decoding and using an upload of so many bytes takes, or all of the
+        memory where that is less. Waits for it; raises HostBusyError."""
         hold = self.hold("uploads")
         hold.grow(min(DECODED * nbytes, self._host.limit))
         return hold
 
     def closing(self, thing: Closed) -> Closed:
-        """The thing itself, which is closed with the request."""
+        """Have the thing closed with the request; returns it."""
         self._held.callback(thing.close)
         return thing
 
     def spooled(self, purpose: str = "uploads") -> Spool:
-        """A file for the body."""
+        """Return a new file for a body."""
         folder = self._folder if self._folder.is_dir() else None
         spool = Spool(self._spool.hold(purpose), folder)
         self._held.callback(spool.close)
@@ -120,18 +124,18 @@ class RequestMemory:
 
 
 class HoldUntilSent:
-    """ASGI middleware: hands answers out in pieces, and gives back what a request holds when the
-    last is on its way or the client is gone.
+    """ASGI middleware: sends answers in pieces, and gives back what a request holds when the last
+    piece is on its way or the client is gone.
 
-    It is the outermost, so that pieces pass no other. It counts them in the scope, by which
-    `cli.connections` sees whether a client takes its answer.
+    It is the outermost middleware, so that pieces pass no other. It counts the pieces in the scope,
+    where `cli.connections` sees whether a client takes its answer.
     """
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the request on with an empty stack of what it holds."""
+        """Pass the request on with an empty stack of held things."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
@@ -141,8 +145,8 @@ class HoldUntilSent:
 
 
 class _Pieces:
-    """Sends bodies piece by piece: the server takes the next once the client has read most of the
-    one before."""
+    """Sends bodies piece by piece: the server takes the next piece once the client has read most of
+    the one before."""
 
     def __init__(self, scope: Scope, send: Send) -> None:
         self._scope, self._send = scope, send
@@ -166,14 +170,14 @@ class _Pieces:
 
 
 class WholeBytes:
-    """ASGI middleware for servers that take bytes alone: copies the pieces of `HoldUntilSent`. They
-    are views of an answer, which uvicorn sends as they are."""
+    """ASGI middleware for servers that take bytes alone: copies the pieces of `HoldUntilSent`.
+    These are views of an answer, which uvicorn sends as they are."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
 
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
-        """Pass the request on."""
+        """Pass the request on; send the pieces of its answer as bytes."""
 
         async def whole(message: Message) -> None:
             body = message.get("body", b"")

@@ -1,5 +1,5 @@
-"""Spans of requests and of their stages, where OpenTelemetry is installed and given a place to send
-them to; nothing otherwise."""
+"""Spans of requests and of their stages, by OpenTelemetry; none where it is not installed, or has
+no place to send them to."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _FAILED = 500
 
 
 def send_spans() -> None:
-    """Have spans sent to where OpenTelemetry's variables say; a warning where the extra `otel` is
-    not installed."""
+    """Send spans to the place that OpenTelemetry's variables name; log a warning where the extra
+    `otel` is not installed."""
     try:
         from opentelemetry import trace
         from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter
@@ -42,7 +42,7 @@ def send_spans() -> None:
 
 
 def tracer() -> Tracer | None:
-    """What makes spans; None where none would be kept."""
+    """The maker of spans; None where no spans would be kept."""
     try:
         from opentelemetry import trace
     except ImportError:
@@ -57,11 +57,11 @@ def tracer() -> Tracer | None:
 
 @contextmanager
 def traced(tracer: Tracer, scope: Scope, *, each: bool) -> Iterator[Any]:
-    """A span around a request, as part of its client's trace, with spans of its stages in it; call
-    what is yielded with the status and the route at the end.
+    """Make a span around a request, as part of its client's trace, with spans of its stages in it.
+    The block calls the yielded function with the status and the route at its end.
 
-    each: a span each time that the request goes through a stage, such as a kernel; else one for all
-    times, from the first to the last.
+    each: True = a span each time that the request goes through a stage, such as a kernel; False =
+    one span for all times of a stage, from the first to the last.
     """
     from opentelemetry import trace
     from opentelemetry.propagate import extract
@@ -96,7 +96,7 @@ def _by_stage(stages: Iterable[Span]) -> list[list[Span]]:
 
 
 def _note(tracer: Tracer, times: list[Span]) -> None:
-    """One span for the times that a request went through a stage."""
+    """Make one span for the times that a request went through a stage."""
     name, busy = times[0].stage, sum(one.nanoseconds for one in times)
     about = {"rhytid.times": len(times), "rhytid.nanoseconds": busy}
     span = tracer.start_span(name, attributes=about, start_time=min(one.start for one in times))

@@ -31,7 +31,7 @@ REST = "rest: the finest bins against redraw within r_max"
 
 
 def choice(**changes: Any) -> BinSettings:
-    """The paper's bins but for `changes`."""
+    """Return the paper's bins with some settings changed."""
     return BinSettings(**{**asdict(PAPER), **changes})
 
 
@@ -76,11 +76,11 @@ CHOICES: tuple[BinSettings, ...] = (
 
 @dataclass(frozen=True)
 class Accuracy:
-    """What one choice of bins gives.
+    """Error, time and memory of one choice of bins.
 
     errors: relative rms by subject, mean over its frames.  worst: mean |difference| of the worst
-    0.1 % of texels by subject, in units of the depth.  map_copies, seconds: of blending a map of
-    the size that was timed.  memory: bytes per texel.
+    0.1 % of texels by subject, in units of the depth.  seconds, map_copies: time of blending a map
+    of the timed size.  memory: bytes per texel.
     """
 
     bins: BinSettings
@@ -97,10 +97,10 @@ class Accuracy:
 
 
 class Study:
-    """Subjects with their `redraw` maps, against which choices of bins are measured.
+    """Measures choices of bins against the `redraw` maps of some subjects.
 
-    skins: of the subjects, at the size at which errors are measured.  clock: at the size at which
-    blending is timed.
+    subjects: each with its skin at the size at which errors are measured.  clock: at the size at
+    which blending is timed.
     """
 
     def __init__(self, subjects: Sequence[tuple[Subject, Skin]], clock: BlendClock) -> None:
@@ -111,7 +111,7 @@ class Study:
         }
 
     def measure(self, bins: BinSettings) -> Accuracy:
-        """Errors, time and memory of one choice."""
+        """Return errors, time and memory of one choice."""
         errors, worst = {}, {}
         for subject, skin in self._subjects:
             skin.use(bins=settings_of(bins, subject))
@@ -126,7 +126,7 @@ class Study:
 
 
 def settings_of(bins: BinSettings, subject: Subject) -> dict[str, Any]:
-    """As JSON, calibrated for a subject."""
+    """Return the bins as JSON settings, calibrated for a subject."""
     return {**asdict(bins), "r_max": subject.r_max}
 
 
@@ -143,7 +143,7 @@ def memory(bins: BinSettings) -> float:
 
 
 def front(found: Iterable[Accuracy]) -> list[Accuracy]:
-    """Those that no other beats in both error and time, the fastest first."""
+    """Return the choices that no other beats in both error and time, the fastest first."""
     kept: list[Accuracy] = []
     for one in sorted(found, key=lambda a: (a.map_copies, a.error)):
         if not kept or one.error < kept[-1].error:
@@ -152,7 +152,8 @@ def front(found: Iterable[Accuracy]) -> list[Accuracy]:
 
 
 def best(found: Sequence[Accuracy], most: float = 2.0) -> Accuracy:
-    """The closest to `redraw` at no more than `most` times the time of the paper's choice."""
+    """Return the choice closest to `redraw` at no more than `most` times the time of the paper's
+    choice."""
     paper = next(a for a in found if a.bins == PAPER)
     affordable = [a for a in found if a.map_copies <= most * paper.map_copies]
     return min(affordable, key=lambda a: a.error)
@@ -160,7 +161,7 @@ def best(found: Sequence[Accuracy], most: float = 2.0) -> Accuracy:
 
 @dataclass(frozen=True)
 class Source:
-    """One cause of error: what it is, and two choices of bins that differ in it alone."""
+    """A cause of error: its name, and two choices of bins that differ in it alone."""
 
     name: str
     fine: BinSettings
@@ -206,7 +207,8 @@ SOURCES = (
 def error_sources(
     subject: Subject, skin: Skin, sources: Sequence[Source] = SOURCES
 ) -> dict[str, float]:
-    """Rms that each source adds over the rms of `redraw`, mean over the frames of a subject."""
+    """Return the rms that each source adds, over the rms of `redraw`, mean over the frames of a
+    subject."""
     drawn = _Drawn(subject, skin)
     found = {s.name: drawn.apart(drawn.binned(s.fine), drawn.binned(s.coarse)) for s in sources}
     clamped = drawn.clamped()
@@ -225,20 +227,21 @@ class _Drawn:
         self.redrawn = self._maps("redraw")
 
     def binned(self, bins: BinSettings) -> list[Map]:
-        """Blended from these bins."""
+        """Maps that are blended from these bins."""
         if bins not in self._kept:
             self._skin.use(bins=settings_of(bins, self._subject))
             self._kept[bins] = self._maps("binned")
         return self._kept[bins]
 
     def clamped(self) -> list[Map]:
-        """`redraw` of the stretch that the bins can show."""
+        """Maps by `redraw`, with stretch clamped to the range that the bins can show."""
         r_max = self._subject.r_max
         self._skin.use(response={"log_stretch_limit": r_max}, bins={"r_max": r_max})
         return self._maps("redraw")
 
     def apart(self, some: list[Map], others: list[Map]) -> float:
-        """Rms of the difference over the rms of `redraw`, mean over the frames."""
+        """Rms of the difference of two series of maps over the rms of `redraw`, mean over the
+        frames."""
         triples = zip(some, others, self.redrawn, strict=True)
         return statistics.fmean(relative_rms(a - b + c, c) for a, b, c in triples)
 
@@ -247,7 +250,7 @@ class _Drawn:
 
 
 def pareto(found: Sequence[Accuracy]) -> Figure:
-    """Mean relative rms over blending time; colours stand for merges."""
+    """Plot the mean relative rms over blending time; colours stand for merges."""
     best = front(found)
     points = [
         Point(
@@ -261,7 +264,7 @@ def pareto(found: Sequence[Accuracy]) -> Figure:
 
 
 def short(bins: BinSettings) -> str:
-    """A choice of bins in a few letters; the colour shows the rest."""
+    """Return a choice of bins in a few letters; the colour shows its merge."""
     depth = ", factored" if bins.depth_factored else ""
     tilt = ", tilt" if bins.tilt else ""
     reach = f", reach {bins.reach:g}" if bins.reach > 1.0 else ""

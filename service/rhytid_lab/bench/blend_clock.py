@@ -1,4 +1,4 @@
-"""How long blending takes for a choice of bins. The time does not depend on the codes, so none are
+"""Times of blending by the choice of bins. They do not depend on the codes, so no maps are
 drawn."""
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ class _Ready:
 
 
 class BlendClock:
-    """The frame of a subject that stretches most, at the size at which blending is timed.
+    """Times blending for the frame of a subject that stretches most.
 
-    Times are of a whole map beside a copy of the same map. On a processor they are its own time,
-    all cores together. Every choice of bins is timed in turn with the paper's, so that what else
-    the machine does slows both.
+    Times are of a whole map, beside a copy of the same map. On a processor they are processor time,
+    of all cores together. Every choice of bins is timed in turn with the paper's, so that other
+    work of the machine slows both.
     """
 
     def __init__(self, device: Device, subject: Subject, grown: Grown, resolution: int) -> None:
@@ -60,8 +60,8 @@ class BlendClock:
         self._paper_seconds = min(self._blend(self._paper) for _ in range(REPEATS))
 
     def seconds(self, bins: BinSettings) -> float:
-        """Of Alg. 3 for a whole map, its precomputed maps at hand: what the paper's choice took
-        when the clock was made, times the median of how much longer these take."""
+        """Return the seconds of Alg. 3 for a whole map whose precomputed maps are at hand: the time
+        of the paper's choice when the clock was made, times the median ratio of both times."""
         made = self._made(bins)
         found = statistics.median(
             self._blend(made) / self._blend(self._paper) for _ in range(REPEATS)
@@ -78,7 +78,7 @@ class BlendClock:
             vectors.release()
 
     def _placed(self, resolution: int) -> list[VectorTriangles]:
-        """Of every tile of the map."""
+        """Triangles of every tile of the map."""
         subject, settings, found = self._subject, self._settings, []
         located = UdimTriangles(
             self._device, subject.mesh, subject.udim, resolution, settings.padding
@@ -107,7 +107,7 @@ class BlendClock:
         return _Ready(Blend(self._device, settings, len(self._subject.mesh.faces)), tiles)
 
     def _blend(self, made: _Ready) -> float:
-        """Seconds of a whole map."""
+        """Blend some tiles; returns the seconds of a whole map."""
         coefficients = made.blend.coefficients(self._stretch)
         self._device.finish()
         start = self._now()

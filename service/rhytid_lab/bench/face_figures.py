@@ -54,7 +54,8 @@ class Scene:
 
 
 def scene(subject: Subject, skin: Skin, spacing: float, unit_mm: float) -> Scene:
-    """The frame that stretches most, where it does.  spacing: of pores, mesh units.
+    """Return the frame that stretches most, with the patches where it does.  spacing: mean spacing
+    of pores, mesh units.
 
     Raises MeshError where no patch of the size of a crop fits into the chart.
     """
@@ -67,7 +68,7 @@ def scene(subject: Subject, skin: Skin, spacing: float, unit_mm: float) -> Scene
 
 
 def performance_of(subject: Subject, skin: Skin, name: str) -> Performance:
-    """A frame as plain arrays, its triangles in the UDIM that is drawn."""
+    """Return a frame as plain arrays, with the triangles of the UDIM that is drawn."""
     mesh, frame = subject.mesh, subject.frames[name]
     ratios, axes = skin.stretch(frame)
     inside = triangles_inside(mesh, subject.udim)
@@ -83,7 +84,7 @@ def performance_of(subject: Subject, skin: Skin, name: str) -> Performance:
 
 
 def maps_of(subject: Subject, skin: Skin, frame: str) -> dict[str, Map]:
-    """A map for every column, by its title."""
+    """Return a map for every column, by its title."""
     maps = {}
     for column in COLUMNS:
         skin.use(bins={**column.bins, "r_max": subject.r_max})
@@ -92,7 +93,8 @@ def maps_of(subject: Subject, skin: Skin, frame: str) -> dict[str, Map]:
 
 
 def figure_1(scene: Scene, maps: dict[str, Map]) -> tuple[Image.Image, dict[str, Any]]:
-    """Neutral face with a stretched and a compressed patch (a), and both by each method (b…)."""
+    """Figure 1: the neutral face with a stretched and a compressed patch (a), and both by each
+    method (b…)."""
     columns = [column for column in COLUMNS if column.letter]
     rows = [_faces(scene)]
     errors: dict[str, Any] = {}
@@ -145,7 +147,7 @@ def _skin(scene: Scene, name: str, patch: FlatPatch, column: Column, picture: Pi
 
 
 def figure_3(frame: Performance) -> Image.Image:
-    """Neutral (a), primary and secondary axes (b, c) and their ratios (d, e)."""
+    """Figure 3: neutral (a), primary and secondary axes (b, c) and their ratios (d, e)."""
     view = View.around(np.concatenate([frame.neutral, frame.deformed]))
     limit = stretch_limit(frame.logs)
     wheel, bar = wheel_legend(SIZE, "direction in UV; grey: no axis"), stretch_bar(SIZE, limit)
@@ -171,7 +173,8 @@ def figure_3(frame: Performance) -> Image.Image:
 
 
 def figure_4(scene: Scene) -> Image.Image:
-    """Columns: the orientation bins and the pores; each cell is displacement and relief."""
+    """Figure 4. Columns: the orientation bins and the pores; each cell is displacement and
+    relief."""
     skin, patch = scene.skin, scene.patches[0]
     side = 0.75 * scene.side
     address, local = _within_tile(skin, patch, side)

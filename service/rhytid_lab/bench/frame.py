@@ -1,8 +1,8 @@
-"""What one frame costs on a device: stretch, redraw, blend, convolution, and the maps made ahead.
+"""The cost of one frame on a device: stretch, redraw, blend, convolution, and the maps made ahead.
 
 Every case but `stretch` starts from the stretch of the triangles, which is on the device already:
-the paper gives the two apart, and whoever does the same elsewhere starts there too. Times come
-with their ratio to *one map copy* taken in the same run: a kernel that reads and writes R² float32.
+the paper times the two apart, and other implementations start there, too. Times come with their
+ratio to *one map copy* taken in the same run: a kernel that reads and writes R² float32.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ class FrameBench:
         self.device.finish()
 
     def ready(self, case: str) -> None:
-        """Make what the case takes from frame to frame."""
+        """Make what the case keeps from frame to frame."""
         if case == "binned" and not self._bins:
             self._precompute()
         if case == "convolved" and not self._neutral:
@@ -137,8 +137,8 @@ class FrameBench:
         return time.perf_counter() - start
 
     def tile_seconds(self, case: str) -> float:
-        """The mean time of one tile of `redraw` or `binned`, drawn one after the other, with what
-        is made once per frame."""
+        """Return the mean seconds of one tile of `redraw` or `binned`. Tiles are drawn one after
+        the other; work that is done once per frame is not counted."""
         self.ready(case)
         if case == "binned":
             held: Any = self._blend.coefficients(self._frame)
@@ -158,7 +158,8 @@ class FrameBench:
         return seconds
 
     def result(self, case: str) -> Floats:
-        """The map of a case (R, R) or its tile, mesh units; of `stretch` (F, 6): ratios, axes."""
+        """Return the map (R, R) of a case, or its tile, mesh units; of `stretch` ratios and axes
+        (F, 6)."""
         self.ready(case)
         if case == "stretch":
             ratios, axes = self._stage.read(self._frame)
@@ -171,7 +172,7 @@ class FrameBench:
         return np.block([maps[i : i + count] for i in range(0, len(maps), count)])
 
     def scene(self) -> Scene:
-        """The same frame for other implementations."""
+        """Return the same frame for other implementations."""
         count, read = self._frame.count, self.device.read
         return Scene(
             self.mesh,
@@ -203,7 +204,7 @@ class FrameBench:
         return [(row, column, side) for row in starts for column in starts]
 
     def _make(self, case: str) -> list[Buffer]:
-        """Run a case; the buffers of its result."""
+        """Run a case; returns the buffers of its result."""
         work: dict[str, Callable[[], list[Buffer]]] = {
             "stretch": self._stretch,
             "redraw": lambda: self._drawn(self._frame, 0, 0, self.settings.resolution),
@@ -295,8 +296,8 @@ def _release(*things: object) -> None:
 
 
 class Grains:
-    """Codes and triangles of the tiles of one UDIM, made when they are first asked for; nothing
-    where the settings want no grain."""
+    """Codes and triangles of the grain in the tiles of one UDIM, made on first use; none where the
+    settings have no grain."""
 
     def __init__(
         self,
@@ -315,7 +316,7 @@ class Grains:
             self._planes = GrainPlanes(device, mesh, settings.shape.grain_size, shares)
 
     def codes(self, squares: Sequence[Square]) -> list[Buffer] | None:
-        """Codes of tiles (row, column, texels per side) of level 0."""
+        """Return codes of tiles (row, column, texels per side) of level 0; None without grain."""
         if self._planes is None:
             return None
         for square in squares:

@@ -1,9 +1,9 @@
-"""From weights sent to the first tile received: `python -m rhytid_lab.bench.live`.
+"""The time from weights sent to the first tile received: `python -m rhytid_lab.bench.live`.
 
 One real server on loopback, one live connection, a take of weights at a steady rate: of the sample
-face, or of a face and a performance that are given. A thread sends at the times of the frames,
-whatever comes back; times are those of frames that were drawn, dropped ones are counted. With
-`--beside N`, N clients of a process of their own ask for tiles of other frames all the while.
+face, or of a given face and performance. A thread sends at the times of the frames, whatever comes
+back. Times are those of frames that were drawn; dropped ones are counted. With `--beside N`, N
+clients in a process of their own ask for tiles of other frames all the while.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ th { font-weight: 600; border-bottom: 2px solid #202024 } td:first-child, th:fir
 
 
 def page(figures: dict[str, Any]) -> str:
-    """The page of a finished report; figures: those of `Report`."""
+    """Return the page of a finished report.  figures: those of `Report`."""
     r_max, subject = figures["r_max"], escape(figures["subject"])
     parts = [
         "<!doctype html><html lang='en'><meta charset='utf-8'><title>rhytid reproduce</title>",
@@ -50,7 +50,7 @@ def _note(text: str) -> str:
 
 
 def _table(header: Sequence[str], rows: Iterable[tuple[bool, Sequence[str]]]) -> str:
-    """Rows with whether they are marked."""
+    """Return a table.  rows: each with whether it is marked."""
     head = "".join(f"<th>{escape(cell)}</th>" for cell in header)
     body = "".join(
         f"<tr{' class=front' if marked else ''}>"

@@ -57,9 +57,9 @@ PAPER_SECONDS = {
 
 @dataclass
 class Report:
-    """Pictures in a folder, and figures as plain values.
+    """Makes the report: pictures in a folder, and figures as plain values.
 
-    choices: of bins that the study measures.  sources: of error that it takes apart.
+    choices: bins that the study measures.  sources: causes of error that it takes apart.
     """
 
     device: Device
@@ -163,7 +163,7 @@ class Report:
 
 
 def _default_wrinkles(resolution: int) -> int:
-    """As dense as usual, per texel."""
+    """The number of wrinkles of the usual density per texel."""
     return max(round(USUAL_WRINKLES * (resolution / USUAL_SIZE) ** 2), 100)
 
 
@@ -189,7 +189,8 @@ def _accuracy(found: list[Accuracy], resolution: int) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class TimeRow:
-    """A case: seconds and map copies here, seconds scaled to the paper's size, and the paper's."""
+    """A case with its seconds and map copies, its seconds scaled to the paper's size, and those of
+    the paper."""
 
     case: str
     seconds: float
@@ -199,15 +200,16 @@ class TimeRow:
 
 
 def wrinkles_at(resolution: int) -> int:
-    """As many wrinkles per texel as the paper has."""
+    """Return the number of wrinkles of the paper's density per texel."""
     return max(round(PAPER_WRINKLES * resolution**2 / PAPER_SIZE**2), 100)
 
 
 def time_rows(costs: list[Cost], resolution: int) -> list[TimeRow]:
-    """Costs at `resolution` with `wrinkles_at(resolution)` wrinkles, and the paper's beside them.
+    """Return costs at `resolution` with `wrinkles_at(resolution)` wrinkles, and the paper's beside
+    them.
 
     Texels and wrinkles grow by the same factor, so times of maps are scaled by it. Stretch is per
-    triangle here and stays; the paper's is per texel.
+    triangle here and is not scaled; the paper's is per texel.
     """
     factor = (PAPER_SIZE / resolution) ** 2
     return [

@@ -1,4 +1,5 @@
-"""How costs grow: those of a frame with texels, wrinkles, triangles and bins, and of synthesis."""
+"""The growth of costs: of a frame with texels, wrinkles, triangles and bins, and of synthesis with
+wrinkles."""
 
 from __future__ import annotations
 
@@ -42,7 +43,8 @@ _BINS = (1, 2, 4, 8, 16)
 
 @dataclass(frozen=True)
 class Growth:
-    """One case at one point of a series.  x: what the series counts. map_copies: of a frame's."""
+    """One case at one point of a series.  x: the value on the series' axis.  map_copies: None for
+    synthesis."""
 
     series: str
     x: int
@@ -52,9 +54,9 @@ class Growth:
 
 
 class Scaling:
-    """Series around one frame: `size`² texels with `wrinkles` wrinkles, on a device.
+    """Times series around one frame: `size`² texels with `wrinkles` wrinkles, on a device.
 
-    mesh, deformed: the face; triangles are counted on spheres.
+    mesh, deformed: the face; the series of triangles uses spheres.
     """
 
     def __init__(
@@ -71,7 +73,7 @@ class Scaling:
         self._grown: dict[int, Grown] = {}
 
     def run(self, series: str) -> list[Growth]:
-        """One of SERIES."""
+        """Time one of SERIES."""
         if series == "synthesis":
             return self._synthesis()
         found = []
@@ -131,7 +133,7 @@ class Scaling:
 
 
 def plot(found: Sequence[Growth]) -> Figure:
-    """A picture of one series."""
+    """Plot one series."""
     heights = [g.seconds if g.map_copies is None else g.map_copies for g in found]
     points = [Point(g.x, y, g.case) for g, y in zip(found, heights, strict=True)]
     unit = "seconds" if found[0].map_copies is None else "map copies"

@@ -1,4 +1,4 @@
-"""The data of a benchmark on the host: what every implementation of a case starts from."""
+"""The data of a benchmark on the host, which every implementation of a case starts from."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class Scene:
 
     deformed: (V, 3) positions.  axes (F + 1, 4), logs (F + 1, 2): stretch of each triangle, the
     last entry for points in none.  settings: `depth` is set.  on_cpu: whether rhytid's device is a
-    processor.
-    draw_triangles, draw_codes, draw_neutral: make what large maps hold, when it is wanted.
+    processor.  draw_triangles, draw_codes, draw_neutral: make `triangles`, `codes` and `neutral` on
+    first use.
     """
 
     mesh: Mesh

@@ -1,5 +1,5 @@
-"""What a tile costs through the service: latency, tiles per second, and how much of it is not the
-kernel. A real server on loopback, asked by another process."""
+"""The cost of a tile through the service: latency, tiles per second, and the share that is not the
+kernel. A real server on loopback is asked by another process."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ _TIMEOUT = 60.0
 
 @dataclass(frozen=True)
 class Latency:
-    """Tiles of a method asked by so many clients at once.
+    """Times of the tiles of a method that so many clients ask for at once.
 
-    kernel_seconds: of one tile, drawn alone.  not_kernel: the share of the time from one answer of
-    the server to the next that this does not fill.
+    kernel_seconds: of one tile, drawn alone.  not_kernel: the share of the time between two answers
+    of the server that a kernel does not fill.
     """
 
     method: str
@@ -60,9 +60,10 @@ class Latency:
 
 @dataclass(frozen=True)
 class FirstTile:
-    """A frame in and its first tile out, one after the other on one connection.
+    """Times from sending a frame to receiving its first tile, one after the other on one
+    connection.
 
-    kernel_seconds: stretch, the response of every wrinkle to it, one tile.
+    kernel_seconds: of stretch, the response of every wrinkle to it, and one tile.
     """
 
     seconds: float
@@ -71,7 +72,7 @@ class FirstTile:
 
 
 class ServiceBench:
-    """A frame of a bench, served."""
+    """Times a server that has the frame of a bench."""
 
     def __init__(self, bench: FrameBench, url: str, client: Client) -> None:
         self._bench, self._url, self._client = bench, url, client
@@ -89,7 +90,7 @@ class ServiceBench:
         self._paths = [self._path(a) for a in settings.grid.addresses(bench.udim, 0)]
 
     def latency(self, method: str, clients: int) -> Latency:
-        """Every tile of level 0 in turn, as npy."""
+        """Ask for every tile of level 0 in turn, as npy."""
         paths = [f"{path}?method={method}" for path in self._paths]
         load(self._url, paths, 1, len(paths))  # what is made once per frame or per tile
         found, kernels = [], []
@@ -99,7 +100,7 @@ class ServiceBench:
         return _latency(method, clients, merged(found), statistics.median(kernels))
 
     def first_tile(self) -> FirstTile:
-        """The tile in the middle by `redraw`, of frames that nobody asked for before."""
+        """Ask for the tile in the middle by `redraw`, of frames that were not sent before."""
         bench = self._bench
         side = bench.settings.tile_size
         middle = bench.settings.resolution // 2 // side
@@ -120,7 +121,7 @@ class ServiceBench:
 
 @contextmanager
 def service_bench(bench: FrameBench) -> Iterator[ServiceBench]:
-    """The frame of a bench on a server that ends with the block."""
+    """Serve the frame of a bench within the block."""
     with tempfile.TemporaryDirectory(prefix="rhytid-bench-") as folder:
         device = str(bench.device.info.index)
         with served(Path(folder) / "store", device) as url, connected(url) as client:
@@ -161,7 +162,7 @@ class Load:
 
 
 def merged(parts: Sequence[Load]) -> Load:
-    """Several loads as one."""
+    """Return several loads as one."""
     return Load(tuple(s for one in parts for s in one.seconds), sum(one.span for one in parts))
 
 

@@ -1,4 +1,4 @@
-"""A mesh with its wrinkles on a device, asked for whole maps: what figures and studies draw."""
+"""A mesh with its wrinkles on a device, which draws whole maps for figures and studies."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _BY_TILE = ("binned", "convolved")
 
 
 class Skin:
-    """One UDIM of a mesh with its wrinkles, under settings that can be changed between maps.
+    """Draws one UDIM of a mesh with its wrinkles, under settings that can be changed between maps.
 
     settings: `depth` is set.
     """
@@ -71,11 +71,11 @@ class Skin:
 
     @property
     def settings(self) -> AssetSettings:
-        """What the next map is drawn with."""
+        """The settings of the next map."""
         return self._asset.mesh.settings
 
     def use(self, **changes: Any) -> None:
-        """Take the settings it was made with, and `changes` (as JSON) put in."""
+        """Take the first settings again, with `changes` (as JSON) put in."""
         settings, before = self._base.changed(changes), self.settings
         if settings == before:
             return
@@ -86,12 +86,12 @@ class Skin:
                 self._asset.mesh.use(settings)
 
     def stretch(self, frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """(ratios (F, 2) unclamped, axes (F, 2, 2)) of a frame."""
+        """Return ratios (F, 2), unclamped, and axes (F, 2, 2) of a frame."""
         with self.device.task():
             return self._asset.frames.ratios(frame)
 
     def map(self, frame: Frame, method: str) -> Map:
-        """(R, R) displacement of a frame, mesh units, row 0 at the top."""
+        """Return the displacement of a frame (R, R), mesh units, row 0 at the top."""
         query, grid = MapQuery(method), self.settings.grid
         if method not in _BY_TILE:
             with self.device.task():
@@ -103,7 +103,7 @@ class Skin:
         return np.block([tiles[i : i + count] for i in range(0, len(tiles), count)])
 
     def bin_map(self, address: TileAddress, index: int) -> NDArray[np.integer]:
-        """Codes (n, n) of one precomputed map; `index` counts samples within layers."""
+        """Return the codes (n, n) of one precomputed map.  index: counts samples within layers."""
         with self.device.task():
             return self._asset.bins.codes(address, index)
 

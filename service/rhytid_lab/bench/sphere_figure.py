@@ -34,7 +34,8 @@ _LIGHT = (-0.42, 0.46, 0.78)
 def figure_5(
     subject: Subject, skin: Skin, progress: Progress
 ) -> tuple[Image.Image, dict[str, Any]]:
-    """Rows: the four deformations.  Columns: the methods; each cell is the sphere and a crop."""
+    """Figure 5. Rows: the four deformations.  Columns: the methods; each cell is the sphere and a
+    crop."""
     positions = [f.positions for f in subject.frames.values() if f.positions is not None]
     view = View.around(np.concatenate(positions), _MARGIN)
     limit = 1.5 * (skin.settings.depth or 1.0)
@@ -108,7 +109,8 @@ def shade_displaced(
     view: View,
     exaggeration: float = 1.0,
 ) -> Picture:
-    """A picture (size, size, 3) of a surface whose relief shows in its shading.
+    """Return a picture (size, size, 3) of a surface seen from +z, every pixel lit with its
+    displaced normal.
 
     positions: (V, 3).  faces: (F, 3).  triangle_uv: (F, 3, 2), local to the UDIM of the map.
     displacement: (R, R) mesh units, row 0 at the top.  exaggeration: multiplies it.

@@ -1,4 +1,4 @@
-"""What the report draws and measures: a mesh with a few expressions, and wrinkles grown on it."""
+"""The subjects of the report: meshes with a few expressions, and wrinkles grown on them."""
 
 from __future__ import annotations
 
@@ -30,8 +30,11 @@ USUAL_WRINKLES, USUAL_SIZE = 300_000, 4096
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A mesh and named frames of it.  title: as the report calls it.  r_max: the 90th percentile
-    of |log stretch| of `strongest`, the frame that stretches most (section 2.4)."""
+    """A mesh and named frames of it.
+
+    title: as the report calls it.  r_max: the 90th percentile of |log stretch| of `strongest`, the
+    frame that stretches most (section 2.4).
+    """
 
     title: str
     mesh: Mesh
@@ -45,12 +48,14 @@ class Subject:
         return busiest_udim(self.mesh)
 
     def skin(self, device: Device, grown: Grown, resolution: int, **changes: object) -> Skin:
-        """Its wrinkles on a device, the fast method calibrated.  changes: settings as JSON."""
+        """Return its wrinkles on a device, with the fast method calibrated.  changes: settings as
+        JSON."""
         settings = self.settings(grown, resolution, **changes)
         return Skin(device, self.mesh, grown.graph, settings, self.udim)
 
     def settings(self, grown: Grown, resolution: int, **changes: object) -> AssetSettings:
-        """Settings for these wrinkles, calibrated, the paper's bins.  changes: more, as JSON."""
+        """Return settings for these wrinkles, calibrated, with the paper's bins.  changes: more, as
+        JSON."""
         usual = {"resolution": resolution, "preset": "paper"}
         settings = AssetSettings.parse({**usual, **changes})
         return settings.resolved(grown.spacing).with_r_max(self.r_max)
@@ -65,14 +70,14 @@ class Grown:
 
 
 def built_in_face(device: Device) -> Subject:
-    """The procedural face in five expressions."""
+    """Return the procedural face in five expressions."""
     face = procedural_face()
     poses = {key: face.pose({key: 1.0}) for key in FACE_KEYS}
     return measured(device, "the built-in face", face.mesh, poses)
 
 
 def built_in_sphere(device: Device) -> Subject:
-    """The sphere of Fig. 5 under its four deformations."""
+    """Return the sphere of Fig. 5 under its four deformations."""
     mesh = sphere()
     poses = {name: sphere_stretch(mesh, *ab) for name, ab in SPHERE_STRETCHES.items()}
     return measured(device, "the sphere", mesh, poses)
@@ -81,7 +86,7 @@ def built_in_sphere(device: Device) -> Subject:
 def given_face(
     device: Device, title: str, mesh: Mesh, poses: Mapping[str, NDArray[np.float32]]
 ) -> Subject:
-    """A user's face in those of its frames that stretch most.  poses: (V, 3) by name."""
+    """Return a user's face in those of its frames that stretch most.  poses: (V, 3) by name."""
     sizes = _sizes(device, mesh, [Frame.of(pose) for pose in poses.values()])
     names = list(poses)
     shown = {names[i]: poses[names[i]] for i in most_stretched(sizes)}
@@ -89,7 +94,7 @@ def given_face(
 
 
 def most_stretched(sizes: Sequence[float], most: int = MOST_FRAMES) -> list[int]:
-    """Indices of at most `most` frames, one of each equal part of the animation: its largest."""
+    """Return indices of at most `most` frames: the largest of each equal part of the animation."""
     parts = np.array_split(np.arange(len(sizes)), min(most, len(sizes)))
     found = [int(part[np.argmax(np.asarray(sizes)[part])]) for part in parts]
     return sorted(found, key=lambda index: -sizes[index])
@@ -98,7 +103,7 @@ def most_stretched(sizes: Sequence[float], most: int = MOST_FRAMES) -> list[int]
 def measured(
     device: Device, title: str, mesh: Mesh, poses: Mapping[str, NDArray[np.float32]]
 ) -> Subject:
-    """A subject calibrated from the frame that stretches most."""
+    """Return a subject that is calibrated from the frame that stretches most."""
     frames = {name: Frame.of(positions) for name, positions in poses.items()}
     sizes = _sizes(device, mesh, list(frames.values()))
     strongest = list(frames)[int(np.argmax(sizes))]
@@ -113,7 +118,7 @@ def grow(device: Device, mesh: Mesh, wrinkles: int, progress: Progress = silent)
 
 
 def _sizes(device: Device, mesh: Mesh, frames: Sequence[Frame]) -> list[float]:
-    """r_max of each frame."""
+    """Return r_max of each frame."""
     limit = AssetSettings().response.log_stretch_limit
     stage = StretchStage(device, mesh)
     sizes = []
@@ -126,7 +131,7 @@ def _sizes(device: Device, mesh: Mesh, frames: Sequence[Frame]) -> list[float]:
 
 
 def describe(subject: Subject, skin: Skin) -> dict[str, dict[str, float]]:
-    """Percentiles of the clamped log stretch of each frame."""
+    """Return percentiles of the clamped log stretch of each frame."""
     limit = skin.settings.response.log_stretch_limit
     return {
         name: LogStretch.of(skin.stretch(frame)[0]).percentiles(limit)

@@ -1,4 +1,4 @@
-"""`rhytid bench`: what a frame costs on a device, in seconds and in copies of its map."""
+"""`rhytid bench`: the cost of a frame on a device, in seconds and in copies of its map."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from rhytid_lab.commands import check_client
 
 if TYPE_CHECKING:
     from rhytid.device.runtime import Device
-    from rhytid_lab.bench.contest import Standings
+    from rhytid_lab.bench.comparison import Results
     from rhytid_lab.bench.frame import FrameBench
     from rhytid_lab.bench.service import Latency
     from rhytid_lab.commands.demo_face import Animation
 
-# As bench.frame and bench.contest have them, which are not imported for --help.
+# As bench.frame and bench.comparison have them, which are not imported for --help.
 CASES = ("stretch", "redraw", "precompute", "binned", "convolved", "neutral", "tile")
 IMPLEMENTATIONS = ("rhytid", "opengl", "numba", "numpy", "opencv")
 SERVICE_HEADER = (
@@ -142,20 +142,20 @@ def _latency_row(row: Latency) -> tuple[str, ...]:
 
 
 def _run_cases(bench: FrameBench, arguments: argparse.Namespace) -> None:
-    from rhytid_lab.bench.contest import OURS, Contest
+    from rhytid_lab.bench.comparison import OURS, Comparison
 
     names = tuple(n for n in IMPLEMENTATIONS if n in {OURS, *arguments.implementations})
     cases = [case for case in CASES if case in arguments.methods]
-    standings = Contest(bench, names, arguments.repeats).hold(counted(cases, "bench", "case"))
+    results = Comparison(bench, names, arguments.repeats).run(counted(cases, "bench", "case"))
     figures = {
         "device": bench.device.info.name,
         "size": arguments.size,
         "wrinkles": bench.wrinkles,
-        "copy_seconds": standings.copy_seconds,
-        "results": [asdict(entry) for entry in standings.entries],
+        "copy_seconds": results.copy_seconds,
+        "results": [asdict(timing) for timing in results.timings],
     }
-    report(figures, table(HEADER, _rows(standings)), arguments.json)
-    _print_untimed(standings, to_stderr=arguments.json == STDOUT)
+    report(figures, table(HEADER, _rows(results)), arguments.json)
+    _print_untimed(results, to_stderr=arguments.json == STDOUT)
 
 
 def _add_names(
@@ -194,25 +194,25 @@ def _count(text: str) -> int:
     return int(text)
 
 
-def _rows(standings: Standings) -> list[tuple[str, ...]]:
+def _rows(results: Results) -> list[tuple[str, ...]]:
     timed = [
         (e.case, e.implementation, f"{e.seconds:.4f}", f"{e.map_copies:.1f}",
          f"{e.max_difference:.1e}" if e.max_difference else "0", "")
-        for e in standings.entries
+        for e in results.timings
     ]  # fmt: skip
-    left = [(e.case, e.implementation, "", "", "", e.reason) for e in standings.left]
-    copy = ("copy", "rhytid", f"{standings.copy_seconds:.4f}", "1.0", "", "")
+    left = [(e.case, e.implementation, "", "", "", e.reason) for e in results.untimed]
+    copy = ("copy", "rhytid", f"{results.copy_seconds:.4f}", "1.0", "", "")
     rows = [*timed, *left]
     return [copy, *sorted(rows, key=lambda row: CASES.index(row[0]))]
 
 
-def _print_untimed(standings: Standings, *, to_stderr: bool) -> None:
-    """Print which implementations were not timed, where no table has them; raise where a result
-    was wrong."""
+def _print_untimed(results: Results, *, to_stderr: bool) -> None:
+    """Print which implementations were not timed, where no table shows them; raises RhytidError
+    where a result was wrong."""
     if to_stderr:
-        for left in standings.left:
+        for left in results.untimed:
             print(f"{left.case}: {left.implementation}: {left.reason}", file=sys.stderr)
-    off = [f"{left.implementation} in {left.case}" for left in standings.left if left.off]
+    off = [f"{left.implementation} in {left.case}" for left in results.untimed if left.off]
     if off:
         raise RhytidError(f"the results differ from rhytid's: {', '.join(off)}")
 

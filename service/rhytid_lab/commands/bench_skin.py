@@ -45,7 +45,8 @@ _READ, _GROWN, _PROCESS = 8.0, 210, 400_000_000
 def skin(
     device: Device, mesh: Mesh, arguments: argparse.Namespace
 ) -> tuple[WrinkleGraph, AssetSettings]:
-    """The wrinkles of the arguments, given or synthesised, and the settings to draw them with.
+    """Return the wrinkles of the arguments, given or synthesised, and the settings to draw them
+    with.
 
     Prints the memory that the bench needs, and raises DeviceMemoryError before any work where there
     is less.
@@ -91,7 +92,7 @@ def _settings(arguments: argparse.Namespace, **more: Any) -> AssetSettings:
 
 @dataclass(frozen=True)
 class Need:
-    """Bytes on the device and on the host, about."""
+    """The bytes that a bench needs on the device and on the host, roughly."""
 
     device: int
     host: int
@@ -100,7 +101,8 @@ class Need:
     def of(
         cls, settings: AssetSettings, cases: Collection[str], wrinkles: float, triangles: int
     ) -> Need:
-        """What `cases` of a frame need together: what one leaves for the next is kept."""
+        """Return the need of these cases of a frame together: maps of one case that another uses
+        are kept."""
         a_texel = _COPIES + _DRAWN
         a_texel += _BROAD if settings.shape.cushion > 0.0 else 0.0
         if {"binned", "precompute"} & set(cases):
@@ -131,7 +133,7 @@ class Need:
             )
 
     def text(self) -> str:
-        """In words."""
+        """The need in words."""
         return f"needs about {_gib(self.device)} of device memory and {_gib(self.host)} beside it"
 
 

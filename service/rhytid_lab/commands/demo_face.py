@@ -1,4 +1,4 @@
-"""What the demo animates: the built-in face, or the user's."""
+"""The animation of the demo: that of the built-in face, or the user's."""
 
 from __future__ import annotations
 

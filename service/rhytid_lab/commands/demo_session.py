@@ -1,4 +1,4 @@
-"""What the demo asks of the server, timed step by step, and its contact sheets."""
+"""The requests of the demo to the server, timed step by step, and its contact sheets."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ SHEETS = 4
 
 
 def remove_earlier(out: Path) -> None:
-    """Remove the maps and sheets of an earlier run, perhaps of a longer animation. Its figures say
-    that there was one; without them all that is there is somebody else's."""
+    """Remove the maps and sheets of an earlier run, perhaps of a longer animation. Its figures
+    prove that there was a run; without them all files are somebody else's."""
     try:
         found = json.loads((out / FIGURES).read_bytes())
     except (OSError, ValueError):
@@ -51,14 +51,14 @@ def remove_earlier(out: Path) -> None:
 
 
 class Query(TypedDict):
-    """How stretch is measured and taken."""
+    """The stretch model and the sampling of maps."""
 
     stretch: StretchModel
     sampling: Sampling
 
 
 class Session:
-    """One asset and its animation, by way of the SDK.  query: stretch and sampling of its maps."""
+    """One asset and its animation, through the SDK.  query: stretch and sampling of its maps."""
 
     def __init__(
         self,
@@ -144,7 +144,7 @@ class Session:
         )  # fmt: skip
 
     def figures(self) -> dict[str, Any]:
-        """What was computed, on what, and how long it took."""
+        """Return facts about the asset, the device and the maps, and how long each step took."""
         device = next(d for d in self.client.devices() if d.selected)
         settings = self.asset.settings
         return {
@@ -186,10 +186,11 @@ class StepClock:
 
 
 def key_frames(sizes: Sequence[float], most: int = SHEETS) -> list[int]:
-    """Indices of at most `most` frames, the largest first, with a part of the animation between.
+    """Return indices of at most `most` frames, the largest first, with a part of the animation
+    between them.
 
-    Each takes an eighth of the animation to both sides with it, rounded down: of a few key poses
-    none is dropped. Frames below a fifth of the largest have little to show.
+    Each frame excludes an eighth of the animation on both sides, rounded down: of a few key poses
+    none is dropped. Frames below a fifth of the largest show little.
     """
     apart = len(sizes) // 8
     shown = [i for i, size in enumerate(sizes) if size >= 0.2 * max(sizes) > 0] or [0]
@@ -202,7 +203,7 @@ def key_frames(sizes: Sequence[float], most: int = SHEETS) -> list[int]:
 
 
 def write_sheets(session: Session, unit_mm: float) -> list[dict[str, Any]]:
-    """A sheet for each key frame, and what it shows in figures, the most stretched first."""
+    """Write a sheet for each key frame, the most stretched first; returns facts about each."""
     indices = key_frames(session.sizes)
     udim = busiest_udim(session.face.mesh)
     figures = []

@@ -1,4 +1,4 @@
-"""What a face does: displacement fields over the chart. In cm, at full strength."""
+"""Expressions of the face: displacement fields over the chart, at full strength. In cm."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ import anyio
 from starlette.concurrency import run_in_threadpool
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from rhytid.api.access import Rates
+from rhytid.api.access import RateLimiter
 from rhytid.api.live import wire
 from rhytid.api.live.drawing import LiveDrawing
 from rhytid.api.live.wire import LiveClosed, LiveFrame, Opening, read_frame, read_opening, read_view
@@ -54,7 +54,7 @@ class LiveSession:
         dropped: Counter,
     ) -> None:
         self._websocket, self._begin, self._facts = websocket, begin, facts
-        self._vertices, self._rate, self._rates = vertices, rate, Rates()
+        self._vertices, self._rate, self._rates = vertices, rate, RateLimiter()
         self._all_dropped = dropped
         self._newest: LiveFrame | None = None
         self._answered: LiveFrame | None = None

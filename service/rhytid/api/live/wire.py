@@ -1,5 +1,5 @@
-"""The messages of a live connection and the codes that it is closed with, as docs/live.md describes
-them."""
+"""The messages of a live connection and the codes that it is closed with, which docs/live.md
+describes."""
 
 from __future__ import annotations
 
@@ -62,7 +62,8 @@ _Name = Annotated[str, Field(min_length=1, max_length=256)]
 
 
 class LiveClosed(Exception):
-    """The connection ends.  code: one of `CLOSE_CODES`.  reason: in words, for the client."""
+    """Ends the connection.  code: one of `CLOSE_CODES`.  reason: the cause in words, for the
+    client."""
 
     def __init__(self, code: int, reason: str) -> None:
         super().__init__(reason)
@@ -70,12 +71,12 @@ class LiveClosed(Exception):
 
     @property
     def reason(self) -> str:
-        """As much of it as a close frame holds."""
+        """As much of the reason as a close frame holds."""
         return str(self).encode()[:_LONGEST].decode(errors="ignore")
 
 
 class Camera(BaseModel):
-    """Tiles of one level that a camera sees."""
+    """A camera, for the tiles of one level that it sees."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -85,7 +86,7 @@ class Camera(BaseModel):
 
 
 class View(BaseModel):
-    """Which tiles are wanted: a list, or what a camera sees."""
+    """The tiles that the client wants: a list, or those that a camera sees."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -104,12 +105,12 @@ class View(BaseModel):
         return self
 
     def addresses(self) -> list[TileAddress]:
-        """The tiles that are listed."""
+        """Addresses of the listed tiles."""
         return [TileAddress(*tile) for tile in self.tiles or ()]
 
 
 class Opening(View):
-    """The header: the first message of a client."""
+    """The header, which is the first message of a client."""
 
     message: Literal["open"]  # type: ignore[assignment]
     method: str = "redraw"
@@ -121,13 +122,13 @@ class Opening(View):
     shapes: list[_Name] = Field([], max_length=MOST_SHAPES)
 
     def query(self) -> MapQuery:
-        """The part that the engine answers; raises QueryError naming the known values."""
+        """Return the query for the engine; raises QueryError naming the known values."""
         return MapQuery(self.method, self.stretch, self.sampling)
 
 
 @dataclass(frozen=True, eq=False)
 class LiveFrame:
-    """A frame as it came.  content: little-endian float32, positions or weights."""
+    """A frame as the client sent it.  content: little-endian float32, positions or weights."""
 
     number: int
     kind: int
@@ -135,13 +136,13 @@ class LiveFrame:
 
 
 def largest_message(vertices: int) -> int:
-    """Bytes of a message that is read for an asset of so many vertices. At least a MiB: what is
-    wrong with a message can be said once it is read."""
+    """Return the most bytes of a message for an asset of so many vertices. It is at least a MiB:
+    what is wrong with a message can be said once it is read."""
     return max(1 << 20, FRAME.size + 12 * vertices)
 
 
 def read_opening(text: str) -> Opening:
-    """The header; raises LiveClosed naming what is wrong with it."""
+    """Read the header; raises LiveClosed naming what is wrong with it."""
     opening: Opening = _read(Opening, text, "header")
     try:
         opening.query()
@@ -153,16 +154,16 @@ def read_opening(text: str) -> Opening:
 
 
 def read_view(text: str) -> View:
-    """A changed view; raises LiveClosed naming what is wrong with it."""
+    """Read a changed view; raises LiveClosed naming what is wrong with it."""
     view: View = _read(View, text, "view")
     return view
 
 
 def read_frame(message: bytes, after: int, vertices: int, weights: int) -> LiveFrame:
-    """A frame whose number is larger than `after`; raises LiveClosed.
+    """Read a frame, whose number must be larger than `after`; raises LiveClosed.
 
-    vertices: of the asset.  weights: how many the header announced; 0 where the asset has no named
-    shapes.
+    vertices: number of vertices of the asset.  weights: number of weights that the header
+    announced, 0 where the asset has no named shapes.
     """
     if len(message) < FRAME.size:
         raise LiveClosed(BAD_MESSAGE, f"frame of {len(message)} bytes: its header has {FRAME.size}")
@@ -194,7 +195,10 @@ def tile_message(
     scale: float,
     dropped: int,
 ) -> bytes:
-    """One tile as it is sent; raises QueryError where half floats cannot hold it."""
+    """Return the message with one tile; raises QueryError where half floats cannot hold it.
+
+    dropped: frames that were replaced by newer ones since the last answer.
+    """
     head = TILE.pack(
         number, header.udim, header.level, header.row, header.column, len(tile), CODES[format], 0,
         min(dropped, _MOST_COUNT), scale,

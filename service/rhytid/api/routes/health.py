@@ -20,8 +20,8 @@ router = APIRouter(tags=["service"])
 
 
 class Readiness:
-    """Whether the device computes. It is asked once at a time, on a thread of its own: who asks
-    meanwhile gets the same answer, and requests that wait for the device keep none of them."""
+    """Asks whether the device computes, once at a time and on a thread of its own, so that requests
+    that wait for the device do not hold it up. Requests that come meanwhile get the same answer."""
 
     def __init__(self, ready: Callable[[], bool]) -> None:
         self._ready = ready
@@ -29,7 +29,7 @@ class Readiness:
         self._asking: asyncio.Future[bool] | None = None
 
     async def now(self) -> bool:
-        """What the engine answers."""
+        """Whether the device computes."""
         if self._asking is None:
             self._asking = asyncio.ensure_future(self._ask())
         return await asyncio.shield(self._asking)

@@ -1,4 +1,4 @@
-"""Jobs: how far long work is, by asking or by listening."""
+"""Jobs: the progress of long work, by asking or by listening."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def _check_ready(info: AssetInfo) -> None:
 
 
 def _facts(info: AssetInfo) -> dict[str, Any]:
-    """What a client has to know of the asset."""
+    """The facts of the asset that a client needs, for the answer to the header."""
     settings = info.settings
     return {
         "asset": info.id,

@@ -47,7 +47,7 @@ KEY_HEADER = {
         }
     }
 }
-# One range; what is no such range is answered with the whole file.
+# One range; any other header is answered with the whole file.
 _RANGE = re.compile(r"bytes=(\d{0,18})-(\d{0,18})", re.ASCII)
 MAKING: Responses = {
     202: {"model": Job, "description": "It is being made: ask again when the job has ended"}
@@ -65,10 +65,10 @@ def _documented(*media_types: str) -> Responses:
 
 
 class OpenPackage:
-    """A package held open, so that it stays whole when it is removed; close it."""
+    """A package that is held open, so that it stays whole when its file is removed; close it."""
 
     def __init__(self, package: Package) -> None:
-        """Raises OSError where it cannot be opened, or is not there any more."""
+        """Open the package; raises OSError where it cannot be opened, or its file is gone."""
         self.key, self.nbytes, self.files = package.key, package.nbytes, package.files
         self._file = package.file.open("rb")
 
@@ -77,7 +77,7 @@ class OpenPackage:
         self._file.close()
 
     def place(self, name: str | None) -> range:
-        """Where the bytes of a file are, or of all as one zip; raises NotFoundError."""
+        """Return where the bytes of a file lie; None = of all as one zip. Raises NotFoundError."""
         if name is None:
             return range(self.nbytes)
         if name not in self.files:
@@ -85,7 +85,7 @@ class OpenPackage:
         return self.files[name]
 
     def pieces(self, place: range) -> Iterator[bytes]:
-        """These bytes."""
+        """Yield the bytes of a range."""
         left = len(place)
         with storage_errors("a package cannot be read"):
             self._file.seek(place.start)
@@ -95,9 +95,11 @@ class OpenPackage:
 
 
 def opened(find: Callable[[], Package | JobInfo]) -> OpenPackage | JobInfo:
-    """The package that `find` names, or the job that makes it.
+    """Open the package that `find` returns, or return the job that makes it.
 
-    Raises TooManyFilesError where no more files can be opened."""
+    Raises TooManyFilesError where no more files can be opened, BusyError where packages are removed
+    as fast as they are made.
+    """
     for _ in range(3):
         found = find()
         if isinstance(found, JobInfo):
@@ -116,14 +118,14 @@ def _found(
     memory: Memory,
     query: Annotated[PackageQuery, Query()],
 ) -> OpenPackage | JobInfo:
-    """The package that is asked for, held open until the answer is sent, or the job that makes
-    it."""
+    """Return the package that is asked for, held open until the answer is sent, or the job that
+    makes it."""
     memory.answer(WORKING * PIECE)
 
     def find() -> Package | JobInfo:
         ask = partial(engine.packages.of, asset, query.levels, query.key)
         found = ask(begin=False)
-        if found is None:  # only what starts a job takes a place among those of the caller
+        if found is None:  # only a request that starts a job needs a claim to one
             with places() as place:
                 found = ask()
                 if isinstance(found, JobInfo):
@@ -170,8 +172,8 @@ def _answer(request: Request, found: OpenPackage | JobInfo, path: str | None) ->
 
 
 def _sent(request: Request, found: OpenPackage, name: str | None) -> Response:
-    """A file of a package, or all as one zip: 304 where the client has it, 206 with a range of its
-    bytes where it asks for one, 416 where there are none in that range."""
+    """Answer with a file of a package, or all of it as one zip: 304 where the client has it, 206
+    with a range of its bytes where it asks for one, 416 where there are none in that range."""
     place = found.place(name)
     tag = etag(found.key, name or ZIP)
     headers = {**SAFE, KEY: found.key, "ETag": tag, "Cache-Control": "no-cache"}
@@ -201,9 +203,11 @@ def _media_type(name: str) -> str:
 
 
 def byte_range(header: str | None, size: int) -> tuple[int, int] | None:
-    """The first byte of a range of a file and that after its last; None: the whole file.
+    """Return the first byte of a range of a file and the byte after its last; None = the whole
+    file.
 
-    Raises ValueError where the file has no byte of it (RFC 9110, section 14.1.2)."""
+    Raises ValueError where the file has no byte of it (RFC 9110, section 14.1.2).
+    """
     found = _RANGE.fullmatch(header or "")
     if found is None or found.groups() == ("", ""):
         return None

@@ -1,5 +1,5 @@
-"""Pages for browsers: the start `/`, which is the viewer or, as JSON, where to go; the files of the
-viewer; and `/docs`. Pages load nothing from other hosts."""
+"""Pages for browsers: the start `/`, which is the viewer or, as JSON, the paths to start from; the
+files of the viewer; and `/docs`. Pages load nothing from other hosts."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def viewer_file(file: str, request: Request) -> Response:
 
 
 def _viewer_answer(name: str, request: Request) -> Response:
-    """A file of the viewer; 304 where the browser has these bytes."""
+    """Answer with a file of the viewer; 304 where the browser has these bytes."""
     answer = tagged(request, rhytid_viewer.read(name), rhytid_viewer.media_type(name))
     answer.headers.update(SAFE)
     return answer

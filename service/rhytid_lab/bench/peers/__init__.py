@@ -27,20 +27,20 @@ PEERS = {
 
 
 def cases_of(name: str) -> tuple[str, ...]:
-    """The cases that an implementation does."""
+    """Return the cases that an implementation does."""
     return PEERS[name][1]
 
 
 def runs_on_host(name: str) -> bool:
-    """Whether it runs on the processor, whatever device rhytid has."""
+    """Whether an implementation runs on the processor, whatever device rhytid has."""
     return name != "opengl"
 
 
 def prepare(name: str, case: str, scene: Scene) -> Run:
-    """A case of `cases_of(name)`, ready to be run; raises LeftOut with the reason."""
+    """Return a run of a case of `cases_of(name)`; raises Unsupported with the reason."""
     package = PEERS[name][0]
     if find_spec(package) is None:
-        raise LeftOut("not installed")
+        raise Unsupported("not installed")
     if case == "binned":
         _check_maps(scene)
     found: Run = import_module(f"rhytid_lab.bench.peers.with_{name}").CASES[case](scene)
@@ -48,20 +48,22 @@ def prepare(name: str, case: str, scene: Scene) -> Run:
 
 
 def _check_maps(scene: Scene) -> None:
-    """Raise LeftOut for precomputed maps that the peers do not blend."""
+    """Raise Unsupported for precomputed maps that the peers do not blend."""
     if scene.size > _LARGEST_BINNED:
-        raise LeftOut(f"left out: over {_LARGEST_BINNED} texels per side its maps are too large")
+        raise Unsupported(
+            f"left out: over {_LARGEST_BINNED} texels per side its maps are too large"
+        )
     bins = scene.settings.bins
     if bins != replace(PRESETS["paper"].bins, r_max=bins.r_max):
-        raise LeftOut("left out: it blends the maps of the preset `paper` alone")
+        raise Unsupported("left out: it blends the maps of the preset `paper` alone")
 
 
-class LeftOut(Exception):
-    """Why an implementation is not timed here."""
+class Unsupported(Exception):
+    """Raised where an implementation cannot be timed here; the message says why."""
 
 
 class Run(Protocol):
-    """One case of one implementation, with all that stays from frame to frame made already."""
+    """One case of one implementation; all that stays from frame to frame is made already."""
 
     def run(self) -> None:
         """Run it once, to its end; the result stays where it was made."""
@@ -78,7 +80,7 @@ class Run(Protocol):
 
 @dataclass
 class HostRun:
-    """A function that leaves its result in the host's memory."""
+    """A run of a function that leaves its result in the host's memory."""
 
     work: Callable[[], Floats]
     made: Floats | None = None

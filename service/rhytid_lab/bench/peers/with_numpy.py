@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid_lab.bench.peers import HostRun, LeftOut
+from rhytid_lab.bench.peers import HostRun, Unsupported
 from rhytid_lab.bench.peers.response import pore_scales, sample_weights, unit_scales, wrinkle_scales
 from rhytid_lab.bench.scene import Floats, Scene
 
@@ -174,12 +174,12 @@ def _texels(boxes: Boxes) -> Iterator[tuple[NDArray[np.int64], Floats, Floats]]:
 
 
 def _check_size(scene: Scene) -> None:
-    """Raise LeftOut where a run would take more than half a minute."""
+    """Raise Unsupported where a run would take more than half a minute."""
     segments, width = np.abs(scene.wrinkles.segments[:, 2:]), scene.wrinkles.sizes[:, :1]
     reach = 1 / scene.pores.roots[:, [0, 2]]
     texels = float(np.prod(segments + 2 * width, axis=1).sum() + np.prod(2 * reach, axis=1).sum())
     if texels > _MOST_TEXELS:
-        raise LeftOut(
+        raise Unsupported(
             f"left out: {texels / 1e6:.0f} million texels to visit, over "
             f"{_MOST_TEXELS / 1e6:.0f} million: choose fewer wrinkles"
         )

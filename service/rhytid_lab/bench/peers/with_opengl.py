@@ -12,7 +12,7 @@ import moderngl
 import numpy as np
 
 from rhytid.pipeline.reach import SCALE_LIMIT
-from rhytid_lab.bench.peers import LeftOut, shaders
+from rhytid_lab.bench.peers import Unsupported, shaders
 from rhytid_lab.bench.scene import Floats, Scene
 
 _MOST_CONTEXTS = 16
@@ -25,7 +25,7 @@ class _Context:
         self.gl = _standalone(scene.on_cpu)
         largest = self.gl.info["GL_MAX_TEXTURE_SIZE"]
         if scene.size > largest:
-            raise LeftOut(f"left out: textures have {largest} texels per side at most")
+            raise Unsupported(f"left out: textures have {largest} texels per side at most")
         self.size = scene.size
         self.axes, self.logs = (self.buffer(a) for a in (scene.axes, scene.logs))
 
@@ -187,7 +187,7 @@ CASES = {
 
 
 def _standalone(on_cpu: bool) -> moderngl.Context:
-    """A context on a processor or on a GPU, as OpenCL's device is; raises LeftOut."""
+    """A context on a processor or on a GPU, as OpenCL's device is; raises Unsupported."""
     seen = []
     for index in range(_MOST_CONTEXTS):
         try:
@@ -202,4 +202,4 @@ def _standalone(on_cpu: bool) -> moderngl.Context:
             return gl
         gl.release()
     kind = "a processor" if on_cpu else "a GPU"
-    raise LeftOut(f"no OpenGL 4.3 on {kind}: {', '.join(seen) or reason}")
+    raise Unsupported(f"no OpenGL 4.3 on {kind}: {', '.join(seen) or reason}")

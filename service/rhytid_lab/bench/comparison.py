@@ -1,4 +1,4 @@
-"""Implementations of the same cases, compared first and then timed in turn."""
+"""Implementations of the same cases: their results are compared, then they are timed in turn."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from rhytid_lab.bench import peers
 from rhytid_lab.bench.frame import FrameBench
-from rhytid_lab.bench.peers import LeftOut, Run
+from rhytid_lab.bench.peers import Run, Unsupported
 from rhytid_lab.bench.scene import Floats, Scene
 
 OURS = "rhytid"
@@ -32,10 +32,13 @@ TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
-class Entry:
-    """One implementation of one case. map_copies: of the device that it runs on, which for some is
-    the host. max_difference: to ours, see `worst_difference`. processor_seconds: of all threads of
-    this process, which on a processor that others use, too, is steadier than `seconds`."""
+class Timing:
+    """One implementation of one case.
+
+    map_copies: seconds over those of a map copy on the device that it runs on, which may be the
+    host.  max_difference: from our result, see `worst_difference`.  processor_seconds: of all
+    threads of this process; steadier than `seconds` on a processor that others use, too.
+    """
 
     case: str
     implementation: str
@@ -46,8 +49,9 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Left:
-    """An implementation of a case that was not timed, and why.  off: its result was wrong."""
+class NotTimed:
+    """An implementation of a case that was not timed.  reason: why.  off: whether its result was
+    wrong."""
 
     case: str
     implementation: str
@@ -56,17 +60,17 @@ class Left:
 
 
 @dataclass
-class Standings:
-    """All results.  copy_seconds: of one map copy on the device, over all rounds."""
+class Results:
+    """All results.  copy_seconds: of one map copy on the device, the median over all rounds."""
 
     copy_seconds: float = 0.0
-    entries: list[Entry] = field(default_factory=list)
-    left: list[Left] = field(default_factory=list)
+    timings: list[Timing] = field(default_factory=list)
+    untimed: list[NotTimed] = field(default_factory=list)
 
 
 @dataclass
-class _Rival:
-    """One implementation of a case, checked, with the times of its runs so far."""
+class _Candidate:
+    """An implementation of a case whose result is right, with the times of its runs so far."""
 
     name: str
     run: Callable[[], None]
@@ -86,8 +90,8 @@ class _Rival:
         self.processor.append(time.process_time() - processor)
 
 
-class Contest:
-    """Cases of a frame, each by those implementations of `names` that do it."""
+class Comparison:
+    """Compares and times cases of a frame, each by those implementations of `names` that do it."""
 
     def __init__(self, bench: FrameBench, names: Sequence[str], repeats: int) -> None:
         self._bench, self._names, self._repeats = bench, names, repeats
@@ -95,29 +99,29 @@ class Contest:
         # By whether it is a copy on the host, where the device is another.
         self._copies: dict[bool, list[float]] = {False: [], True: []}
         self._host = None if self._scene.on_cpu else HostCopy(self._scene.size)
-        self._timed: list[tuple[str, list[_Rival]]] = []
-        self.standings = Standings()
+        self._timed: list[tuple[str, list[_Candidate]]] = []
+        self.results = Results()
 
-    def hold(self, cases: Iterable[str]) -> Standings:
+    def run(self, cases: Iterable[str]) -> Results:
         """Compare and time every case."""
         for case in cases:
-            rivals = self._rivals(case)
-            self._time(rivals)
-            self._timed.append((case, rivals))
-            for rival in rivals:
-                rival.release()
+            candidates = self._candidates(case)
+            self._time(candidates)
+            self._timed.append((case, candidates))
+            for candidate in candidates:
+                candidate.release()
         copies = {host: statistics.median(s) for host, s in self._copies.items() if s}
-        self.standings.copy_seconds = copies[False]
-        for case, rivals in self._timed:
-            for rival in rivals:
-                seconds = statistics.median(rival.seconds)
-                share = seconds / copies[rival.on_host]
-                used = statistics.median(rival.processor)
-                entry = Entry(case, rival.name, seconds, share, rival.difference, used)
-                self.standings.entries.append(entry)
-        return self.standings
+        self.results.copy_seconds = copies[False]
+        for case, candidates in self._timed:
+            for candidate in candidates:
+                seconds = statistics.median(candidate.seconds)
+                share = seconds / copies[candidate.on_host]
+                used = statistics.median(candidate.processor)
+                entry = Timing(case, candidate.name, seconds, share, candidate.difference, used)
+                self.results.timings.append(entry)
+        return self.results
 
-    def _rivals(self, case: str) -> list[_Rival]:
+    def _candidates(self, case: str) -> list[_Candidate]:
         bench = self._bench
         ours = bench.result(case) if case != "precompute" else None
         found = []
@@ -126,18 +130,18 @@ class Contest:
                 repeats = 1 if case in _ONCE else self._repeats
                 short = bench.seconds(case) < _SHORT
                 run = partial(bench.run, case)
-                found.append(_Rival(name, run, _nothing, 0.0, repeats, short=short))
+                found.append(_Candidate(name, run, _nothing, 0.0, repeats, short=short))
             elif case in peers.cases_of(name) and ours is not None:
-                rival = self._rival(name, case, ours)
-                found += [rival] if rival else []
+                candidate = self._candidate(name, case, ours)
+                found += [candidate] if candidate else []
         return found
 
-    def _rival(self, name: str, case: str, ours: Floats) -> _Rival | None:
-        """A peer whose result agrees; why it has no time is noted otherwise."""
+    def _candidate(self, name: str, case: str, ours: Floats) -> _Candidate | None:
+        """Prepare a peer and check its result; None where it cannot be timed, which is noted."""
         try:
             run = peers.prepare(name, case, self._scene)
-        except LeftOut as reason:
-            self.standings.left.append(Left(case, name, str(reason)))
+        except Unsupported as reason:
+            self.results.untimed.append(NotTimed(case, name, str(reason)))
             return None
         start = time.perf_counter()
         run.run()
@@ -148,29 +152,30 @@ class Contest:
             run.release()
             return None
         on_host = peers.runs_on_host(name) and self._host is not None
-        return _Rival(name, run.run, run.release, difference, repeats, on_host, first < _SHORT)
+        return _Candidate(name, run.run, run.release, difference, repeats, on_host, first < _SHORT)
 
     def _compared(self, name: str, case: str, run: Run, ours: Floats) -> float | None:
         difference = worst_difference(case, self._scene, ours, run.result())
         if difference <= tolerance(case):  # not so where it is not a number
             return difference
         reason = f"refused: off by {difference:.2g}, over {tolerance(case):g}"
-        self.standings.left.append(Left(case, name, reason, off=True))
+        self.results.untimed.append(NotTimed(case, name, reason, off=True))
         return None
 
-    def _time(self, rivals: list[_Rival]) -> None:
-        """Time them in turn, a map copy before each, so that other work slows all alike.
+    def _time(self, candidates: list[_Candidate]) -> None:
+        """Time the candidates in turn, a map copy before each, so that other work of the machine
+        slows all alike.
 
-        Short ones run once before that, untimed, as they would from frame to frame: threads that
-        slept meanwhile share a core for their first milliseconds.
+        Short ones run once more before, untimed, as from frame to frame: threads that slept share a
+        core for their first milliseconds.
         """
-        for number in range(max((rival.repeats for rival in rivals), default=0)):
-            for rival in rivals:
-                if number < rival.repeats and rival.short:
-                    rival.run()
-                self._copies[rival.on_host].append(self._copy(rival.on_host))
-                if number < rival.repeats:
-                    rival.time()
+        for number in range(max((candidate.repeats for candidate in candidates), default=0)):
+            for candidate in candidates:
+                if number < candidate.repeats and candidate.short:
+                    candidate.run()
+                self._copies[candidate.on_host].append(self._copy(candidate.on_host))
+                if number < candidate.repeats:
+                    candidate.time()
 
     def _copy(self, on_host: bool) -> float:
         if on_host and self._host is not None:
@@ -179,19 +184,19 @@ class Contest:
 
 
 def _nothing() -> None:
-    """Does nothing: the result stays on the device."""
+    """Release nothing: the result stays on the device."""
 
 
 def tolerance(case: str) -> float:
-    """The worst difference that a case may have."""
+    """Return the worst difference that a case may have."""
     return TOLERANCES.get(case, TOLERANCE)
 
 
 def worst_difference(case: str, scene: Scene, ours: Floats, theirs: Floats) -> float:
-    """The worst difference of two results, as FrameBench.result has them.
+    """Return the worst difference of two results of `FrameBench.result`.
 
-    Of maps in units of depth. Of stretch in log stretch within the limit of the response: of the
-    ratios, and of the axes as what their turning changes.
+    Of maps it is in units of the depth. Of stretch it is in log stretch within the limit of the
+    response: of the ratios, and of the axes by the change that their turning makes.
     """
     if ours.shape != theirs.shape:
         raise ValueError(f"{case}: a result of shape {theirs.shape} instead of {ours.shape}")
@@ -210,7 +215,7 @@ def _stretch_difference(ours: Floats, theirs: Floats, limit: float) -> float:
 
 
 class HostCopy:
-    """Two maps of R² float32, copied by every thread of the host: the unit of cost of what runs
+    """Copies a map of R² float32 by every thread of the host: the unit of cost of peers that run
     there beside a GPU."""
 
     def __init__(self, size: int) -> None:

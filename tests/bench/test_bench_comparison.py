@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.contests import SIZE, WRINKLES, Given, small_bench
+from bench.small_bench import SIZE, WRINKLES, Given, small_bench
 from rhytid.cli import main
 from rhytid.device.runtime import Device
 from rhytid_lab.bench import peers
-from rhytid_lab.bench.contest import (
+from rhytid_lab.bench.comparison import (
     NAMES,
     OURS,
     TOLERANCE,
-    Contest,
+    Comparison,
     HostCopy,
     tolerance,
     worst_difference,
@@ -52,11 +52,11 @@ def test_the_command_names_every_case_and_implementation() -> None:
 
 @pytest.mark.parametrize("case", ["stretch", "redraw", "neutral", "binned"])
 def test_numpy_agrees(bench: FrameBench, case: str) -> None:
-    standings = Contest(bench, (OURS, "numpy"), 1).hold([case])
+    results = Comparison(bench, (OURS, "numpy"), 1).run([case])
 
-    assert [entry.implementation for entry in standings.entries] == [OURS, "numpy"]
-    assert 0 < standings.entries[1].max_difference < 1e-4
-    assert standings.left == []
+    assert [entry.implementation for entry in results.timings] == [OURS, "numpy"]
+    assert 0 < results.timings[1].max_difference < 1e-4
+    assert results.untimed == []
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if case not in ("precompute", "stretch")])
@@ -82,11 +82,11 @@ def test_a_wrong_result_is_not_timed(
     peer = Given(off)
     monkeypatch.setattr(peers, "prepare", lambda *given: peer)
 
-    standings = Contest(bench, (OURS, "numba"), 1).hold(["redraw"])
+    results = Comparison(bench, (OURS, "numba"), 1).run(["redraw"])
 
-    assert [entry.implementation for entry in standings.entries] == [OURS]
-    assert [(left.implementation, left.off) for left in standings.left] == [("numba", True)]
-    assert standings.left[0].reason.startswith("refused: off by")
+    assert [entry.implementation for entry in results.timings] == [OURS]
+    assert [(left.implementation, left.off) for left in results.untimed] == [("numba", True)]
+    assert results.untimed[0].reason.startswith("refused: off by")
     assert peer.released
 
 
@@ -175,10 +175,10 @@ def test_what_would_take_too_long_is_left_out(
     from rhytid_lab.bench.peers import with_numpy
 
     monkeypatch.setattr(with_numpy, "_MOST_TEXELS", 1000)
-    standings = Contest(bench, (OURS, "numpy"), 1).hold(["redraw"])
+    results = Comparison(bench, (OURS, "numpy"), 1).run(["redraw"])
 
-    assert [left.off for left in standings.left] == [False]
-    assert "choose fewer wrinkles" in standings.left[0].reason
+    assert [left.off for left in results.untimed] == [False]
+    assert "choose fewer wrinkles" in results.untimed[0].reason
 
 
 def test_the_host_has_a_copy_of_its_own() -> None:
