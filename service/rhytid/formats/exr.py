@@ -34,17 +34,24 @@ Texels = NDArray[np.float32] | NDArray[np.float16]
 _CHANNEL = "Y"
 # Seconds that the decoder may take.
 _SECONDS = 60
-_MOST_WORDS = 4000  # bytes of what the decoder says beside its answer
+# Bytes of its messages that are kept, beside its answer.
+_MOST_WORDS = 4000
 # Isolated from the environment and the working folder, and importing from where this process does,
 # however the package is installed.
 _START = (
     "import sys; sys.path[:] = sys.argv[4:]; from rhytid.formats.exr_decoder import main; main()"
 )
+# Set by `decode_here`.
 _begun: Callable[[str], None] | None = None
+# The version of the format, and flags beside it in a header.
 _VERSION, _TILED, _LONG_NAMES, _DEEP, _PARTS = 2, 0x200, 0x400, 0x800, 0x1000
+# Attributes that are read of a header.
 _NEEDED = ("channels", "dataWindow", "displayWindow")
+# Types of texels by their numbers.
 _TEXELS = {0: "uint", 1: "half", 2: "float"}
+# Channels of colour images.
 _COLOURS = {"R", "G", "B", "RY", "BY"}
+# Bytes of a name, channels and attributes that are read of a header at most.
 _MOST_NAME, _MOST_CHANNELS, _MOST_ATTRIBUTES = 255, 8, 10_000
 
 

@@ -28,21 +28,21 @@ LIGHTS = (45.0, 15.0)
 _EXAGGERATION = 10.0
 _MARK = (178, 32, 32)
 # Where the patch of a region may lie: at this part of its largest share or more.
-_INSIDE = 0.85
+_REGION_INSIDE = 0.85
 # Triangles that are rated, at most.
-_CANDIDATES = 400
+_MOST_RATED = 400
 # So many of the best are drawn, at so many pixels per side.
 _BEST, _COARSE = 40, 24
 # Regions that are known by their folds.
 _FOLDING = ("forehead", "eye_corner", "lip")
 # Weight of skin without folds, where skin that folds most has 1.
-_REST = 0.15
+_UNFOLDED_WEIGHT = 0.15
 # Pixels between two strokes, and along the longest of them.
-_SPACING, _LENGTH = 9.0, 17.0
+_STROKE_SPACING, _STROKE_LENGTH = 9.0, 17.0
 # Root mean square log compression that is drawn in the strongest colour.
-_MOST = 0.12
-_FINE = 2
-_FAINT, _STRONG = np.array([70.0, 90.0, 190.0]), np.array([200.0, 20.0, 20.0])
+_STRONGEST_FOLD = 0.12
+_FOLD_SUPERSAMPLING = 2
+_FAINT_FOLD, _STRONG_FOLD = np.array([70.0, 90.0, 190.0]), np.array([200.0, 20.0, 20.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +153,7 @@ def region_views(
     for region in (name for name in REGIONS if name in masks):
         weight = np.asarray(masks[region], np.float64)
         if region in _FOLDING:
-            weight = weight * (_REST + folds / max(float(folds.max()), 1e-30))
+            weight = weight * (_UNFOLDED_WEIGHT + folds / max(float(folds.max()), 1e-30))
         if weight.max() <= 0.0:
             continue
         best = _best_triangles(np.asarray(corners, np.float64), weight, side)
@@ -180,8 +180,8 @@ def _best_triangles(
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     centre = corners.mean(axis=1)
     area = np.linalg.norm(normal, axis=1)
-    inside = np.flatnonzero((weight >= _INSIDE * np.percentile(weight, 99.5)) & (area > 0))
-    chosen = inside[:: max(1, len(inside) // _CANDIDATES)]
+    inside = np.flatnonzero((weight >= _REGION_INSIDE * np.percentile(weight, 99.5)) & (area > 0))
+    chosen = inside[:: max(1, len(inside) // _MOST_RATED)]
     score, around = np.empty(len(chosen)), np.empty(len(chosen))
     for i, triangle in enumerate(chosen):
         near = np.sum((centre - centre[triangle]) ** 2, axis=1) <= (0.7 * side) ** 2
@@ -213,19 +213,23 @@ def fold_picture(
     view = View.around(positions)
     clay = Image.fromarray(shade_mesh(positions, faces, size, view))
     image = Image.blend(clay, Image.new("RGB", clay.size, (255, 255, 255)), 0.45)
-    image = image.resize((size * _FINE, size * _FINE), Image.Resampling.BICUBIC)
+    image = image.resize(
+        (size * _FOLD_SUPERSAMPLING, size * _FOLD_SUPERSAMPLING), Image.Resampling.BICUBIC
+    )
     canvas = ImageDraw.Draw(image)
     strength, eccentricity, axis = folds.axes()
     normal = vertex_normals(positions, faces)
     lines = np.cross(normal, axis)[:, :2] * (1, -1)
-    share = np.minimum(strength / _MOST, 1.0)
-    pixels = view.pixels(positions, size * _FINE)
+    share = np.minimum(strength / _STRONGEST_FOLD, 1.0)
+    pixels = view.pixels(positions, size * _FOLD_SUPERSAMPLING)
     for i in _spaced_vertices(pixels, positions, normal):
-        half = lines[i] * _FINE * _LENGTH * (0.15 + 0.35 * np.sqrt(share[i]))
+        half = lines[i] * _FOLD_SUPERSAMPLING * _STROKE_LENGTH * (0.15 + 0.35 * np.sqrt(share[i]))
         half *= 0.3 + 0.7 * eccentricity[i] ** 0.5
-        colour = (_FAINT + (_STRONG - _FAINT) * share[i]).astype(int)
+        colour = (_FAINT_FOLD + (_STRONG_FOLD - _FAINT_FOLD) * share[i]).astype(int)
         ends = [tuple(pixels[i] - half), tuple(pixels[i] + half)]
-        canvas.line(ends, fill=tuple(colour), width=_FINE * (2 if share[i] > 0.25 else 1))
+        canvas.line(
+            ends, fill=tuple(colour), width=_FOLD_SUPERSAMPLING * (2 if share[i] > 0.25 else 1)
+        )
     return image.resize((size, size), Image.Resampling.LANCZOS)
 
 
@@ -235,7 +239,7 @@ def _spaced_vertices(
     """Vertices that face the viewer, the nearest one of each cell of the picture."""
     seen = np.flatnonzero(normal[:, 2] > 0.08)
     seen = seen[np.argsort(-np.asarray(positions, np.float64)[seen, 2], kind="stable")]
-    cells = np.floor(pixels[seen] / (_FINE * _SPACING)).astype(np.int64)
+    cells = np.floor(pixels[seen] / (_FOLD_SUPERSAMPLING * _STROKE_SPACING)).astype(np.int64)
     first = np.unique(cells, axis=0, return_index=True)[1]
     found: NDArray[np.intp] = seen[first]
     return found

@@ -28,8 +28,8 @@ _SMOOTHED = 8192
 _WIRE, _BORDER, _ARROW = (70, 74, 82, 150), (214, 84, 20, 255), (20, 90, 200, 255)
 # Least length that the upward direction has within the surface; with less the ground is level.
 _LEVEL = 0.25
-SIDE = 620
-MOST_UDIMS = 6
+# Pixels per side of a panel of the guide, and UDIMs that it shows at most.
+SIDE, MOST_UDIMS = 620, 6
 
 
 @dataclass(frozen=True, eq=False)
