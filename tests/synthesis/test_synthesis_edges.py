@@ -1,4 +1,4 @@
-"""Candidate wrinkles: lines that stay on the map, with few crossings, of which an independent set is chosen."""
+"""Candidate wrinkles, lines on the map with few crossings, and independent sets of them."""
 
 from __future__ import annotations
 
