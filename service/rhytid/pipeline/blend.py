@@ -63,7 +63,7 @@ def _directions(bins: BinSettings) -> NDArray[np.float32]:
 
 @dataclass(frozen=True)
 class Coefficients(BufferGroup):
-    """What a frame multiplies codes by.
+    """The factors that a frame multiplies codes by.
 
     own: factors of the codes of each layer in each triangle.  gains: factors of the grain, None
     where there is no grain.
@@ -139,7 +139,7 @@ class Blend:
             self._codes.update(own)
 
     def coefficients(self, stretch: StretchBuffers) -> Coefficients:
-        """What the codes of each layer are multiplied by in each triangle: where it stands between
+        """The factors of the codes of each layer in each triangle: where it stands between
         the samples and the depth scale that its maps lack (Alg. 3, lines 6 to 10)."""
         own = self._own_coefficients(stretch)
         grainy = relief(self._settings) > 0.0

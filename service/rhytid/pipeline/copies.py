@@ -20,8 +20,12 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Origins:
-    """Where C consecutive elements of a UDIM sample stretch, which is where their originals are:
-    places (C, 4) segments or (C, 2) centres in texels, triangle (C,), stiffness (C,) or None."""
+    """The places at which C consecutive elements of a UDIM sample stretch: those of their
+    originals.
+
+    places: segments (C, 4) or centres (C, 2), texels.  triangle (C,).  stiffness (C,), or None: 1
+    throughout.
+    """
 
     places: Floats
     triangle: NDArray[np.int32]

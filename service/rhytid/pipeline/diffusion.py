@@ -60,7 +60,7 @@ class Diffusion:
 
     @property
     def normals(self) -> FloatArray:
-        """(V, 3) of unit length, outward; means of the triangles around a vertex, by area."""
+        """(V, 3) unit normals, outward: means of the triangles around each vertex, by area."""
         corners = np.repeat(self._normals, 3, axis=0)
         sums = np.stack([self._summed(column) for column in corners.T], axis=-1)
         sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)

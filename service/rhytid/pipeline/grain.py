@@ -128,7 +128,7 @@ def relief(settings: AssetSettings) -> float:
 
 
 def _shares(settings: AssetSettings) -> tuple[np.float32, NDArray[np.float32]]:
-    """How many times as fine the grain is as the undulation, and the share of each."""
+    """The ratio of the wavelengths of grain and undulation, and the share of each in the relief."""
     shape = settings.shape
     finer = 1.0
     if shape.undulation > 0.0:

@@ -115,7 +115,7 @@ def least_half_width(settings: AssetSettings) -> float:
 
 @dataclass(frozen=True)
 class Bends:
-    """What M wrinkles have at their first node and at their second, with settings applied.
+    """Values of M wrinkles at their first node and at their second, with settings applied.
 
     slopes, weights, half_widths (M, 2) float32, as in WrinkleGraph.  partners (M, 2) int32, or None
     where the response does not ask for them.

@@ -67,7 +67,7 @@ class RegionMasks:
         self._shown.setdefault(region, []).append((motion, compression))
 
     def masks(self, surface: Diffusion) -> dict[str, NDArray[np.float32]]:
-        """(V,) of each region that was shown: the share of it, 0 to 1, at every vertex."""
+        """The share (V,), 0 to 1, of each region that was shown, at every vertex, by its name."""
         shares = {region: self._by_shapes(region, surface) for region in self._shown}
         shares |= self._beside(surface)
         found = {}

@@ -36,7 +36,7 @@ _ROWS = 1 << 18
 # with more fewer are looked at together.
 _BLOCK, _PARTNERS = 1 << 19, 8
 # Of a step of the lattice: products of four coordinates stay within float32. A power of two rounds
-# nothing, so that what crosses does not hang on the lengths of other edges.
+# nothing, so that crossings do not depend on the lengths of other edges.
 _SCALE = 2.0**-15
 
 

@@ -50,7 +50,7 @@ def normals(key: Words, salt: int, seed: int) -> NDArray[np.float32]:
 
 
 def _unit_interval(word: Words) -> NDArray[np.float32]:
-    """In (0, 1)."""
+    """(N,) numbers in (0, 1) from random words (N,)."""
     found: NDArray[np.float32] = (word >> np.uint32(9)).astype(np.float32)
     found += np.float32(0.5)
     found *= np.float32(2.0**-23)

@@ -160,7 +160,7 @@ def _over_the_border(ground: Ground, pores: Points, nodes: Indices, spacing: flo
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """What W stored lines have at their first node and at their second, as in WrinkleGraph."""
+    """Values of W stored lines at their first node and at their second, as in WrinkleGraph."""
 
     slopes: Singles
     weights: Singles
@@ -185,7 +185,7 @@ def ends_of(
     half_width: Singles,
     width: Singles,
 ) -> Ends:
-    """How the stored lines continue at their ends.
+    """The values of the stored lines at their ends, and the lines that continue them there.
 
     weight, half_width (W,): of each line.  width (W,): half width on the surface. Where a line
     continues another, both have the means of the two at their common pore. A line that ends on

@@ -171,8 +171,8 @@ def pore_ellipses(
 
 
 def _frames(surface: Surface) -> Doubles:
-    """(F, 3) of each triangle (a, b, d): a step (u, v) in UV is (a u + b v, d v) on the surface, in
-    axes along ∂X/∂u and square to it."""
+    """(F, 3) numbers (a, b, d) of each triangle: a step (u, v) in UV is (a u + b v, d v) on the
+    surface, in axes along ∂X/∂u and square to it."""
     u, v = surface.jacobian.transpose(2, 0, 1)
     length = np.linalg.norm(u, axis=-1)
     per_length = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)

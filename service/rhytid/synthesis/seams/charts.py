@@ -25,7 +25,7 @@ GAP = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Traces:
-    """Where straight UV segments end that start inside a triangle and stay on connected ones.
+    """The ends of straight UV segments that start inside a triangle and stay on connected ones.
 
     end (N,): the triangle of the last point.  middle (N,): the triangle of the midpoint, BORDER
     where the line ends before it.  share (N,): how much of the line lies on the chart, 1 = all.
