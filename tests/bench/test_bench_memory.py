@@ -67,7 +67,7 @@ def test_too_little_is_refused_before_any_work(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("RHYTID_DEVICE_MEMORY_MB", "200")
-    monkeypatch.setattr(generate, "_grown", None)  # where the work of a synthesis begins
+    monkeypatch.setattr(generate, "_skin", None)  # where the work of a synthesis begins
     assert main(["bench", "--size", "4096", "--wrinkles", "1000", "--methods", "redraw"]) == 1
     said = capsys.readouterr().err
     assert "needs about 0.2 GiB of device memory" in said

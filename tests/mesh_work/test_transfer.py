@@ -230,7 +230,7 @@ def test_partners_and_grain_follow(mesh: Mesh, graph: WrinkleGraph) -> None:
 
 
 def test_arcs_at_seams_stay_as_they_are(mesh: Mesh, graph: WrinkleGraph) -> None:
-    """Slopes there are meant where supports are round, before and after."""
+    """Slopes there are meant where footprints are round, before and after."""
     moved = transfer(graph, mesh, mesh).graph
     own = np.flatnonzero(graph.own_edges)
     assert moved.edge_metric is not None

@@ -8,9 +8,6 @@
 #include "smooth.clh"
 #include "surface.clh"
 #include "texel_fields.clh"
-#ifdef RAISED
-#include "spline.clh"
-#endif
 
 // firsts, members, codes, steps, unit: as in blend.cl, of a tile of `width` texels per side, from texel
 // (row, column) of a level of `side` texels on. directions, r_max, exponents: as in weights.cl.
@@ -48,9 +45,5 @@ __kernel void blend_smooth(__global const int *firsts, __global const int2 *memb
         }
         merged = merge_layer(merged, n, s, codes, blend);
     }
-    float16 heights = height_of(merged) * unit;
-#ifdef RAISED
-    heights += brought_up16(coarse, width, i * WIDTH);
-#endif
-    store_vector(heights, i, out);
+    store_heights(merged, unit, coarse, width, i, out);
 }

@@ -2,9 +2,6 @@
 // stiffness of the texel, so no texel is blended like another (Alg. 3, lines 8 to 14). A vector of
 // texels per work-item.
 #include "texel_blend.clh"
-#ifdef RAISED
-#include "spline.clh"
-#endif
 
 // r at the texels of a vector. first, end: its members. stretches: SIDES x LAYERS per triangle, of
 // weights.cl; k: which of them.
@@ -37,9 +34,5 @@ __kernel void blend_stiff(__global const int *firsts, __global const int2 *membe
             s.r[side] = stiff * stretch_of(first, end, stretches, side * LAYERS + n);
         merged = merge_layer(merged, n, s, codes, blend);
     }
-    float16 heights = height_of(merged) * unit;
-#ifdef RAISED
-    heights += brought_up16(coarse, width, i * WIDTH);
-#endif
-    store_vector(heights, i, out);
+    store_heights(merged, unit, coarse, width, i, out);
 }

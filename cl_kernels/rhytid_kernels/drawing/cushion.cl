@@ -106,14 +106,14 @@ inline void write_part(sums_t sums, part_t part, square_t square, shape_t shape,
     }
 }
 
-// Draws the lines i of the block of this group for which `wanted`, of sizes `drawn`.
-#define DRAW_PART(wanted, drawn)                                                                   \
+// Draws the lines i of the block of this group for which `chosen` holds, with sizes `drawn`.
+#define DRAW_PART(chosen, drawn)                                                                   \
     __local float memory[SUMS];                                                                    \
     shape_t shape = shape_of(shape_values);                                                        \
     square_t square = {place.x, place.y, place.z, place.w};                                        \
     part_t part = part_of_group(square);                                                           \
     sums_t sums = valleys_at(part, memory);                                                        \
-    DRAW_LINES(sums, shape, members, offsets[part.block], offsets[part.block + 1], wanted,         \
+    DRAW_LINES(sums, shape, members, offsets[part.block], offsets[part.block + 1], chosen,         \
                coarse_line(part, (line_t)LINE_AT(i, drawn, (float2)(0.0f), LEAST_HALF_WIDTH)));    \
     write_part(sums, part, square, shape, depth, out)
 

@@ -1,4 +1,4 @@
-// Lists of points by cell. The order in a list is whichever came first: no result may hang on it.
+// Lists of points by cell. The order in a list is whichever came first: no result may depend on it.
 #include "points.clh"
 
 // Points listed[first..count), put into the lists under their number.

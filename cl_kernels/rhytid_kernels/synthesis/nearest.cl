@@ -1,25 +1,25 @@
 // How far from each point its nearest are, and which way they lie.
 #include "nearest.clh"
 
-// The `wanted`-th nearest of each point: its squared distance in 1/scale and its number, infinity
-// where there are fewer within reach.
-__kernel void farthest_wanted(int first, int count, int wanted, __global const int *place,
-                              __global const float *normal, __global const float *factor, int cell,
-                              uint mask, __global const int *head, __global const int *next,
-                              float scale, float reach, __global float *far2, __global int *far)
+// The farthest of the `neighbours` nearest of each point: its squared distance in 1/scale and its
+// number; infinity where fewer are within reach.
+__kernel void farthest_neighbour(int first, int count, int neighbours, __global const int *place,
+                                 __global const float *normal, __global const float *factor, int cell,
+                                 uint mask, __global const int *head, __global const int *next,
+                                 float scale, float reach, __global float *far2, __global int *far)
 {
     int i = first + get_global_id(0);
     if (i >= count)
         return;
     near_t near;
-    gather_near(&near, wanted, i, place, normal, factor, cell, mask, head, next, scale, reach);
-    bool enough = near.count == wanted;
-    far2[i] = enough ? near.distance2[wanted - 1] : INFINITY;
-    far[i] = enough ? near.who[wanted - 1] : INT_MAX;
+    gather_near(&near, neighbours, i, place, normal, factor, cell, mask, head, next, scale, reach);
+    bool enough = near.count == neighbours;
+    far2[i] = enough ? near.distance2[neighbours - 1] : INFINITY;
+    far[i] = enough ? near.number[neighbours - 1] : INT_MAX;
 }
 
 // For each point up to WAYS neighbours, nearest first, -1 where there are no more. Neighbours are
-// two points of which one is among the `wanted` nearest of the other. Left out are those that lie
+// two points of which one is among the `neighbours` nearest of the other. Left out are those that lie
 // beside a nearer one, at a smaller angle than that of `cosine2`, the square of its cosine.
 __kernel void find_neighbours(int first, int count, __global const int *place,
                         __global const float *normal, __global const float *factor, int cell,
@@ -36,7 +36,7 @@ __kernel void find_neighbours(int first, int count, __global const int *place,
     float3 sight[MOST_NEAR];
     int looked = 0, found = 0;
     for (int k = 0; k < near.count; k++) {
-        int j = near.who[k];
+        int j = near.number[k];
         float distance2 = near.distance2[k];
         if (nearer(far2[i], far[i], distance2, j) && nearer(far2[j], far[j], distance2, i))
             continue;

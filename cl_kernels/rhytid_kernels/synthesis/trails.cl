@@ -1,5 +1,5 @@
 // Walkers wear trails into the candidate edges (after Weiss et al. 2023). Deposits are whole
-// numbers, so that their sum does not hang on the order of the walkers.
+// numbers, so that their sum does not depend on the order of the walkers.
 #include "random.clh"
 
 // Directions of the ways out of pores, (cosine, sine) times 32767 against the frame of the pore.
@@ -77,7 +77,7 @@ inline float straightness(float cosine) // nothing for a turn beyond a right ang
 // From each pore start as many walkers, `walkers` to one on the mean, `most` at most, either way along
 // `along` or, as far as anisotropy falls short of 1, any way, and each time choose a way out by chance
 // in proportion to its appeal and to how straight on it goes. key: a word of each pore, so that its
-// walkers do not hang on what is elsewhere.
+// walkers do not depend on what is elsewhere.
 __kernel void walk(int first, int count, int most, float walkers, uint round, uint seed, int steps,
                    int amount, float2 along, __global const uint *key, __global const int *offsets,
                    __global const int *edges, __global const int *others,

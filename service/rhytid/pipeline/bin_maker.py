@@ -52,12 +52,13 @@ _Launch = Callable[..., None]
 class BinTile(BufferGroup):
     """One tile of every precomputed map, and the triangles of its texels.
 
-    codes: (texels / VECTOR, maps, VECTOR), of texels of a row, maps being M samples within parts
-    within N + 1 layers, and after those of a bin its tilt.
+    codes: (texels / VECTOR, maps, VECTOR), of texels of a row; maps are M samples within parts
+    within N + 1 layers, and after the maps of a bin its tilt.
     stiffness: float32 of each texel, or None: 1 throughout.
     place: texels per side of the tile and of its map, row and column of its first texel.
-    cushion: the broad layer of wrinkles around the tile, coarse, with no pores, its vectors squares
-    (see `squares`); None where there is none."""
+    cushion: the broad layer of wrinkles around the tile, coarse, without pores, its vectors squares
+    (see `squares`); None where there is none.
+    """
 
     triangles: VectorTriangles
     codes: Buffer
@@ -99,7 +100,7 @@ class BinMaker:
         self._code_defines = {"CODE": CODES[bins.bits], "CODE_LIMIT": code_limit(bins.bits)}
 
     def tile(self, row: int, column: int, texels: int) -> BinTile:
-        """All layers and samples of `texels`² texels, from texel (row, column) on."""
+        """The tile of `texels`² texels from (row, column) on, with all layers and samples."""
         square = (row, column, texels)
         least = BLOCK if self._elements.cushion is None else BLOCK * self._elements.cushion.factor
         pieces = self._elements.work.cut(square, self._elements.bins_pace.most, texels, least)
@@ -117,7 +118,7 @@ class BinMaker:
         return self._tile(square, codes)
 
     def _codes(self, square: Square) -> Buffer:
-        """Codes of every map of a square, map by map."""
+        """The codes of every map of a square, drawn map by map."""
         bins, texels = self._settings.bins, square[2] ** 2
         codes = self._device.empty(map_count(bins) * texels, f"i{bins.bits // 8}")
         maps = (map_argument(index, map_count(bins)) for index in counter())
@@ -142,7 +143,7 @@ class BinMaker:
         self._device.step(run)
 
     def _tile(self, square: tuple[int, int, int], codes: Buffer) -> BinTile:
-        """With what is known of the triangles of its texels."""
+        """The tile of codes, with the triangles and the stiffness of its texels."""
         side = self._settings.resolution
         tile = self._located_tile((side, *square), codes)
         cushion = self._cushion(square)
@@ -154,13 +155,13 @@ class BinMaker:
         return replace(own, cushion=coarse)
 
     def _stiff(self, tile: BinTile) -> BinTile:
-        """With a stiffness of 1 where it has none."""
+        """The tile, with a stiffness of 1 where it has none."""
         if tile.stiffness is not None:
             return tile
         return replace(tile, stiffness=self._device.full(tile.texels, np.float32(1.0)))
 
     def _cushion(self, square: tuple[int, int, int]) -> BinTile | None:
-        """Of a square (row, column, texels per side)."""
+        """The broad layer of a square (row, column, texels per side), None where there is none."""
         if self._elements.cushion is None:
             return None
         factor = self._elements.cushion.factor
@@ -176,7 +177,8 @@ class BinMaker:
         codes: Buffer,
         defines: Mapping[str, object] = NO_DEFINES,
     ) -> BinTile:
-        """Of (texels per side of the map, row, column, texels per side of the tile).
+        """A tile of codes at `place`: (texels per side of the map, row, column, texels per side of
+        the tile).
 
         defines: of its vectors.
         """
@@ -191,7 +193,8 @@ class BinMaker:
         return BinTile(found, codes, texels * texels, of_tile, stiffness)
 
     def _tilt(self, index: int, square: Square, map: NDArray[np.int32], codes: Buffer) -> None:
-        """Codes of where in the bin the wrinkles run, drawn as wide as they ever are."""
+        """Write codes of the angle at which wrinkles run within their bin, drawn at the largest
+        width that they have."""
         scales = _float2(tilt_width(self._settings), 1.0)
         launches = (self._wrinkles(index, scales, 0, s) for s in (TILT_SHARE, -TILT_SHARE))
         up, down = (self._drawn(launch, square) for launch in launches)

@@ -45,8 +45,8 @@ def scale(
 
 
 def held(x: float, low: float, high: float) -> float:
-    """x by a knee within -low and high (HELD of limits.clh): x itself as far as half of them, the
-    limit from one and a half times it on, between them a parabola."""
+    """x kept within -low and high by a knee (HELD of limits.clh): x itself up to half of a limit,
+    the limit from one and a half times it on, and a parabola between."""
     size, limit = abs(x), high if x > 0 else low
     past = min(max(size - 0.5 * limit, 0.0), limit)
     return math.copysign(min(size, 1.5 * limit) - past * past / (2.0 * limit), x)
@@ -58,8 +58,8 @@ def depth_limits(settings: AssetSettings) -> list[float]:
 
 
 def drawn_depth_exponents(settings: AssetSettings) -> list[float]:
-    """How the depth of each layer's maps goes with their stretch, bins first, then the pores:
-    as Alg. 1 and 2 have it, or not at all where the depth scale is multiplied on later."""
+    """The exponent of stretch in the depth that maps of each layer are drawn with, bins first, then
+    the pores: that of Alg. 1 and 2, or 0 where the depth scale is multiplied on later."""
     response, bins = settings.response, settings.bins
     if bins.depth_factored:
         return [0.0] * (bins.count + 1)
@@ -67,13 +67,14 @@ def drawn_depth_exponents(settings: AssetSettings) -> list[float]:
 
 
 def tilt_width(settings: AssetSettings) -> float:
-    """What half widths are scaled by where tilts are drawn: as wide as wrinkles ever are."""
+    """The factor of half widths where tilts are drawn: the largest that wrinkles have."""
     response = settings.response
     return scale(response, settings.last_sample, response.alpha_w)
 
 
 def parts(bins: BinSettings) -> tuple[int, ...]:
-    """The maps of one bin and sample: one signed map, or valleys and bulges apart (draw.clh)."""
+    """The parts of the map of one bin and sample: one signed map, or valleys and bulges apart
+    (draw.clh)."""
     return (1, 2) if bins.merge == "mellow" else (0,)
 
 
@@ -108,8 +109,8 @@ def code_limit(bits: int) -> int:
 
 
 def map_argument(index: int, count: int) -> NDArray[np.int32]:
-    """What kernels that write codes of one map take: its index, and how many maps there are. No
-    define: the kernels are compiled once for all bins."""
+    """The argument of kernels that write codes of one map: its index, and how many maps there are.
+    It is no define, so that the kernels are compiled once for all bins."""
     return np.array([index, count], np.int32)
 
 

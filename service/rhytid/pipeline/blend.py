@@ -62,8 +62,11 @@ def _directions(bins: BinSettings) -> NDArray[np.float32]:
 
 @dataclass(frozen=True)
 class Coefficients(BufferGroup):
-    """Of a frame. own: what the codes of each layer are multiplied by in each triangle.  gains: of
-    the grain, where there is one."""
+    """The factors that a frame multiplies codes by.
+
+    own: factors of the codes of each layer in each triangle.  gains: factors of the grain, None
+    where there is no grain.
+    """
 
     own: Buffer
     gains: Buffer | None = None
@@ -81,12 +84,13 @@ class _Raised(NamedTuple):
 
 
 class Blend:
-    """What blending needs of an asset, on the device."""
+    """Blends tiles of precomputed maps of one asset."""
 
     def __init__(
         self, device: Device, settings: AssetSettings, triangles: int, *, coarse: bool = False
     ) -> None:
-        """coarse: of the broad layer alone, which has no pores, no grain and one sign."""
+        """triangles: how many the mesh has.  coarse: for the broad layer alone, which has no pores,
+        no grain and one sign."""
         assert settings.depth is not None
         steps = cushion_steps(settings) if coarse else quantisation_steps(settings)
         self._cushion: Blend | None = None
@@ -134,7 +138,7 @@ class Blend:
             self._codes.update(own)
 
     def coefficients(self, stretch: StretchBuffers) -> Coefficients:
-        """What the codes of each layer are multiplied by in each triangle: where it stands between
+        """The factors of the codes of each layer in each triangle: where it stands between
         the samples and the depth scale that its maps lack (Alg. 3, lines 6 to 10)."""
         own = self._own_coefficients(stretch)
         grainy = relief(self._settings) > 0.0
@@ -156,7 +160,7 @@ class Blend:
         return found
 
     def stretches(self, stretch: StretchBuffers) -> Buffer:
-        """Log stretch of each triangle and layer: what `stiff_tile` takes in place of coefficients
+        """Log stretch of each triangle and layer, which `stiff_tile` takes in place of coefficients
         (Alg. 3, lines 6 and 7)."""
         count = self._triangles + 1
         sides = 3 if self._bins.tilt else 1
@@ -181,7 +185,7 @@ class Blend:
         coefficients: Coefficients,
         grains: Sequence[Buffer] | None = None,
     ) -> list[Buffer]:
-        """As `tile`, of tiles of as many texels, a few a launch."""
+        """float32 displacement of tiles with equally many texels, TILES_A_LAUNCH a launch."""
         made = [self._room(maps) for maps in tiles]
         for first in range(0, len(tiles), TILES_A_LAUNCH):
             some = slice(first, first + TILES_A_LAUNCH)
@@ -190,7 +194,8 @@ class Blend:
         return made
 
     def _room(self, maps: BinTile) -> Buffer:
-        """For the displacement of a tile, and for what is read beyond that of a coarse one."""
+        """A buffer for the displacement of a tile, with a vector more: the spline reads beyond the
+        end of a coarse one."""
         return self._device.empty(maps.texels + VECTOR, np.float32)
 
     def _launch_blend(
@@ -221,7 +226,10 @@ class Blend:
             )  # fmt: skip
 
     def stiff_tile(self, maps: BinTile, stretches: Buffer) -> Buffer:
-        """As `tile`, of a tile whose texels have a stiffness (Alg. 3, lines 8 to 15)."""
+        """float32 displacement of a tile whose texels have a stiffness (Alg. 3, lines 8 to 15).
+
+        stretches: the result of the method `stretches`.
+        """
         out = self._room(maps)
         with self._raised(
             [maps], lambda broad, own: [broad.stiff_tile(own[0], stretches)]
@@ -236,7 +244,8 @@ class Blend:
         return out
 
     def smooth_tile(self, maps: BinTile, fields: SmoothFields, located: UdimTriangles) -> Buffer:
-        """As `tile`, with a stretch of its own for every texel (Alg. 3, lines 2 to 15)."""
+        """float32 displacement of a tile with a stretch of its own for every texel (Alg. 3, lines 2
+        to 15)."""
         out = self._room(maps)
         with self._raised(
             [maps], lambda broad, own: [broad.smooth_tile(own[0], fields, located)]
@@ -255,8 +264,8 @@ class Blend:
     def _raised(
         self, tiles: Sequence[BinTile], make: Callable[[Blend, list[BinTile]], list[Buffer]]
     ) -> Iterator[_Raised]:
-        """The broad layer of tiles, that `make` blends of their coarse ones, until the block ends;
-        nothing where a tile has none."""
+        """The broad layer of tiles, which `make` blends from their coarse tiles; it is released
+        when the block ends. Nothing where a tile has none."""
         found = [maps.cushion for maps in tiles if maps.cushion is not None]
         if self._cushion is None or len(found) < len(tiles):
             yield _Raised([None] * len(tiles), {})
@@ -269,11 +278,11 @@ class Blend:
 
     @property
     def _sampled(self) -> dict[str, object]:
-        """What the kernels are compiled with that find r of each texel."""
+        """The defines of the kernels that find r of each texel."""
         return {**self._layers, **self._response, **self._oriented, **self._codes}
 
     def _vectors(self, maps: BinTile) -> dict[str, object]:
-        """What kernels must know of which texels a vector has."""
+        """The defines that tell kernels which texels a vector has."""
         return squares(int(maps.place[0])) if self._coarse else {}
 
     def _stretch(self, stretch: StretchBuffers) -> tuple[object, ...]:

@@ -1,4 +1,5 @@
-"""Lists of what overlaps each cell of a square grid: triangles to look up, elements to draw."""
+"""Lists of the boxes that overlap each cell of a square grid: of triangles to look up, or of
+elements to draw."""
 
 from __future__ import annotations
 
@@ -15,9 +16,11 @@ MOST_ENTRIES = 2**26
 
 @dataclass(frozen=True)
 class CellLists:
-    """offsets (cells² + 1,) int32 into members, int32; the members of a cell ascend.
+    """Lists by cell of the unit square.
 
-    work: (cells, cells) of drawing the members of each cell, see `work.py`, where it is known."""
+    offsets (cells² + 1,): int32 into members, int32; the members of a cell ascend.
+    work: (cells, cells), the work of drawing the members of each cell (work.py), or None.
+    """
 
     cells: int
     offsets: NDArray[np.int32]
@@ -28,7 +31,7 @@ class CellLists:
 def list_by_cell(
     low: NDArray[np.floating], high: NDArray[np.floating], cells: int, *, top_down: bool
 ) -> CellLists:
-    """Which boxes overlap which cells of the unit square.
+    """List the boxes that overlap each cell of the unit square.
 
     low, high: (K, 2) corners of the boxes, v up. Cells are numbered row by row, from the top
     where `top_down`, else from the bottom. A box outside the square is in no cell.

@@ -32,7 +32,7 @@ _LARGEST_FLOAT = float(np.finfo(np.float32).max)
 
 @dataclass(frozen=True)
 class NeutralTile(BufferGroup):
-    """What convolving `side`² texels from (row, column) on needs and no frame changes.
+    """The inputs of convolving `side`² texels from (row, column) on that no frame changes.
 
     heights: (side + 4 apron)² float32, the neutral map around the tile; beyond the border of the
     map the texel at the border.  triangles: (side + 2 apron)² int32, which holds each texel.
@@ -53,7 +53,7 @@ class NeutralTile(BufferGroup):
 
 
 class NeutralTiles:
-    """Makes them for a mesh.
+    """Makes the neutral tiles of a mesh.
 
     slowest: (F,) float64, the least |J ŝ| that a texel in each triangle can have, whatever the
     frame; infinite where none is convolved.
@@ -70,7 +70,10 @@ class NeutralTiles:
         self, draw: Draw, located: UdimTriangles, settings: AssetSettings,
         udim: int, row: int, column: int, side: int,
     ) -> NeutralTile:  # fmt: skip
-        """What can be made ahead of a tile of level 0; `draw` draws the neutral map."""
+        """The neutral tile for a tile of level 0, of `side`² texels from (row, column) on.
+
+        draw: draws the neutral map.
+        """
         apron = self.apron(settings, udim, row, column, side)
         resolution = settings.resolution
         heights = _extended(
@@ -84,9 +87,9 @@ class NeutralTiles:
         return NeutralTile(row, column, side, apron, heights, triangles, stiffness)
 
     def apron(self, settings: AssetSettings, udim: int, row: int, column: int, side: int) -> int:
-        """How far one pass over a tile can read at most, whatever the frame; a multiple of VECTOR.
+        """How many texels beyond a tile one pass reads at most, in any frame; a multiple of VECTOR.
 
-        The bits of a tile do not depend on it, only its cost.
+        The cost of a tile depends on it, its bits do not.
         """
         resolution = settings.resolution
         margin = (MOST_TAPS + 1 + settings.padding + 1) / resolution
@@ -125,7 +128,7 @@ def _extended(
 
 
 class Convolve(NeutralTiles):
-    """What convolving needs of an asset, on the device."""
+    """Convolves tiles of an asset with the stretch of each triangle."""
 
     def __init__(self, device: Device, mesh: Mesh, stiffness: Stiffness | None = None) -> None:
         jacobians = neutral_jacobians(mesh)
@@ -198,7 +201,11 @@ def _slowest(jacobians: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 class SmoothConvolve(NeutralTiles):
-    """What smooth convolving needs of an asset."""
+    """Convolves tiles of an asset with stretch of its own for every texel.
+
+    |J ŝ|, by which σ in UV is divided, comes from the metric G that smooth sampling interpolates,
+    |J ŝ|² = ŝᵀGŝ, so that the widths of kernels have no step at triangle edges either.
+    """
 
     def __init__(
         self, device: Device, mesh: Mesh, stage: SmoothStage, stiffness: Stiffness | None = None

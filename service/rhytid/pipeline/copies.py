@@ -1,5 +1,5 @@
-"""Copies at UV seams: they are drawn in the UV of another chart than their originals, and respond
-to stretch as these do. Kernels: copies.cl, line.clh.
+"""Copies of wrinkles and pores at UV seams: they are drawn in the UV of another chart than their
+originals, and respond to stretch as these do. Kernels: copies.cl, line.clh.
 """
 
 from __future__ import annotations
@@ -20,8 +20,12 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Origins:
-    """Where C consecutive elements of a UDIM sample stretch, which is where their originals are:
-    places (C, 4) segments or (C, 2) centres in texels, triangle (C,), stiffness (C,) or None."""
+    """The places at which C consecutive elements of a UDIM sample stretch: those of their
+    originals.
+
+    places: segments (C, 4) or centres (C, 2), texels.  triangle (C,).  stiffness (C,), or None: 1
+    throughout.
+    """
 
     places: Floats
     triangle: NDArray[np.int32]
@@ -36,7 +40,10 @@ class Origins:
         triangle: NDArray[np.int32],
         stiffness: Floats | None,
     ) -> Origins | None:
-        """Of elements (C,) of a graph; None where there are none."""
+        """The origins of elements `rows` (C,) of a graph; None where there are none.
+
+        copy_of: of every element, as in WrinkleGraph.  places: of elements by their rows.
+        """
         if not len(rows):
             return None
         first = rows
@@ -47,8 +54,11 @@ class Origins:
 
 @dataclass(frozen=True)
 class OriginBuffers:
-    """Origins on the device. first: the element that the first of them belongs to.  scales: a
-    buffer for the result of each, (sigma_w, sigma_d), or r."""
+    """Origins on the device.
+
+    first: the element that the first origin belongs to.  scales: a buffer for the response of each,
+    (sigma_w, sigma_d), or r.
+    """
 
     count: int
     first: int
@@ -59,7 +69,7 @@ class OriginBuffers:
 
     @classmethod
     def upload(cls, device: Device, origins: Origins | None, first: int) -> OriginBuffers | None:
-        """Those of elements `first` and following."""
+        """The origins of elements `first` and following, uploaded; None for None."""
         if origins is None:
             return None
         count, stiffness = len(origins.triangle), origins.stiffness
@@ -72,9 +82,11 @@ class OriginBuffers:
             device.empty(2 * count, np.float32),
         )
 
-    def give(self, device: Device, scales: Buffer, defines: Mapping[str, object]) -> None:
-        """Put what the originals answer in the place of what the copies do.  defines: with which
-        both were found."""
+    def overwrite(self, device: Device, scales: Buffer, defines: Mapping[str, object]) -> None:
+        """Overwrite the response of the copies in `scales` by that of their originals.
+
+        defines: that the kernels which found both were compiled with.
+        """
         device.launch(
             "copies", "take_scales", (self.count,), self.scales, np.int32(self.first), scales,
             defines=defines,
@@ -88,7 +100,7 @@ class OriginBuffers:
 
 
 def copied(copy_of: NDArray[np.int32] | None, metric: Floats | None) -> NDArray[np.bool_] | None:
-    """(M,) what is a copy or has a metric; None where nothing is or has."""
+    """(M,) whether each element is a copy or has a metric; None where none is or has."""
     marks = []
     if copy_of is not None:
         marks.append(copy_of != ORIGINAL)
@@ -98,7 +110,7 @@ def copied(copy_of: NDArray[np.int32] | None, metric: Floats | None) -> NDArray[
 
 
 def copies_last(chosen: Rows, last: NDArray[np.bool_] | None) -> tuple[Rows, int]:
-    """The rows in their order, those marked after the others, and how many these are."""
+    """The rows `chosen` in their order, those marked in `last` at the end, and how many are not."""
     if last is None:
         return chosen, len(chosen)
     mark = last[chosen]

@@ -49,8 +49,8 @@ def draw_cushion(
     device: Device, elements: UdimElements, settings: AssetSettings, scales: Buffer,
     square: tuple[int, int, int],
 ) -> Buffer:  # fmt: skip
-    """The broad layer around a square (row, column, texels per side) of level 0, multiples of
-    BLOCK: coarse_side² samples in mesh units and room for a vector.
+    """Draw the broad layer around a square (row, column, texels per side) of level 0, all multiples
+    of BLOCK. Returns coarse_side² samples in mesh units, with MORE values behind them.
 
     scales: (σ_w, σ_d) of wrinkles.
     """
@@ -66,7 +66,10 @@ def launch_cushion(
     *arguments: Any,
     defines: Mapping[str, object] | None = None,
 ) -> Buffer:
-    """Run a kernel of cushion.cl over the coarse map around a square.  arguments: of its own."""
+    """Run a kernel of cushion.cl over the coarse map around a square.
+
+    arguments: those that this kernel has beside the common ones.
+    """
     cushion = elements.cushion
     assert cushion is not None
     factor, assets = cushion.factor, settings.resolution
@@ -96,29 +99,32 @@ def launch_cushion(
 
 
 def _shape_values(settings: AssetSettings) -> NDArray[np.float32]:
-    """No bulge, a sharpness of its own, one slot: a lone line keeps its depth."""
+    """The shape argument: no bulge, the sharpness of the layer, one slot, with which a lone line
+    keeps its depth."""
     return np.array([0.0, 0.0, settings.shape.cushion_sharpness, 1.0], np.float32)
 
 
 def cushion_settings(settings: AssetSettings) -> AssetSettings:
-    """The settings that the maps of the layer are made and blended with: heights of one sign,
-    merged across bins as within."""
+    """The settings that maps of the layer are made and blended with: heights of one sign, merged
+    across bins as they are within a bin."""
     sharpness = settings.shape.cushion_sharpness
     shape = replace(settings.shape, sharpness=sharpness, slots=1, grain=0.0, undulation=0.0)
     return replace(settings, bins=replace(settings.bins, merge="signed"), shape=shape)
 
 
 def cushion_map_count(settings: AssetSettings) -> int:
-    """Maps of a tile of the layer: samples of every bin, and neither tilts nor pores. Where soft
-    lines lie over one another a tilt is the mean of many: blends are closer to `redraw` without
-    (the smile of a real face at r_max 0.3: 7.1 % for 7.6 %)."""
+    """How many maps a tile of the layer has: the samples of every bin, without tilts and pores.
+
+    Where soft lines lie over one another a tilt is the mean of many: blends are closer to `redraw`
+    without (the smile of a real face at r_max 0.3: 7.1 % for 7.6 %).
+    """
     bins = settings.bins
     return bins.count * bins.samples
 
 
 def cushion_layers(settings: AssetSettings) -> dict[str, tuple[int, ...]]:
-    """As `layers` of bins.py: by name the index of the first map of every bin, in the order that
-    `CushionBins.codes` makes them. None where there is no cushion."""
+    """The layers by name, as `layers` of bins.py has them: the index of the first map of every bin,
+    in the order of `CushionBins.codes`. Empty where there is no cushion."""
     bins = settings.bins
     if settings.shape.cushion == 0.0:
         return {}
@@ -126,19 +132,20 @@ def cushion_layers(settings: AssetSettings) -> dict[str, tuple[int, ...]]:
 
 
 def cushion_steps(settings: AssetSettings) -> NDArray[np.float32]:
-    """As `quantisation_steps`, for the depth that the layer takes and what meets in it."""
+    """`quantisation_steps` of the layer, from its depth and the number of lines that overlap in
+    it."""
     steps: NDArray[np.float32] = quantisation_steps(settings) * np.float32(range_of_codes(settings))
     return steps
 
 
 def range_of_codes(settings: AssetSettings) -> float:
-    """How many times as large a code of the layer is as one of the narrow layer."""
+    """The size of a code of the layer over that of a code of the narrow layer."""
     shape = settings.shape
     return shape.cushion + math.log(_MEETING) / shape.cushion_sharpness
 
 
 class CushionBins:
-    """Draws them for one UDIM."""
+    """Draws the precomputed maps of the broad layer of one UDIM."""
 
     def __init__(self, device: Device, elements: UdimElements, settings: AssetSettings) -> None:
         self._device, self._elements, self._settings = device, elements, settings
@@ -152,8 +159,8 @@ class CushionBins:
         }
 
     def codes(self, square: tuple[int, int, int]) -> Buffer:
-        """(samples / VECTOR, maps, VECTOR) around a square (row, column, texels per side) of level
-        0, in squares of samples: of each bin the maps of its samples."""
+        """Codes (coarse samples / VECTOR, maps, VECTOR) around a square (row, column, texels per
+        side) of level 0. Vectors are squares of samples; maps are the samples of bin after bin."""
         bins = self._settings.bins
         side = coarse_side(square[2], self._factor)
         maps = cushion_map_count(self._settings)
@@ -189,7 +196,7 @@ class CushionBins:
         return heights
 
     def _pieces(self, square: Square) -> list[Square]:
-        """What is drawn of one map of a square at a time: whole blocks of samples."""
+        """The parts of a square that are drawn at a time: whole blocks of samples."""
         elements, least = self._elements, BLOCK * self._factor
         return elements.work.cut(square, elements.bins_pace.most, square[2], least)
 

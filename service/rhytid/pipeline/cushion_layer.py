@@ -37,9 +37,10 @@ FACTORS = (16, 8, 4, 2)
 class CushionArrays:
     """The broad layer of a UDIM's wrinkles.
 
-    factor: texels of the map to a coarse one.  sizes: of every wrinkle as WrinkleArrays has them,
-    of the broad layer, half widths in coarse texels.  lists: by block of the coarse map, of those
-    alone that swell something."""
+    factor: texels of the map per coarse texel.  sizes: of every wrinkle, as in WrinkleArrays, but
+    of the broad layer, with half widths in coarse texels.  lists: by block of the coarse map, of
+    the wrinkles that swell the skin.
+    """
 
     factor: int
     sizes: NDArray[np.float32]
@@ -48,9 +49,12 @@ class CushionArrays:
 
 @dataclass(frozen=True)
 class BroadLayer:
-    """The broad layer of every wrinkle of the graph. weights: (M, 1), or (M, 2) where there are
-    bends, at both ends; 0 where it swells nothing. low, high: (M, 2) corners of the boxes around
-    what is drawn of it at any stretch."""
+    """The broad layer of every wrinkle of a graph.
+
+    factor: texels of the map per coarse texel.  weights: (M, 1), or (M, 2) at both ends where there
+    are bends; 0 where a wrinkle swells nothing.  low, high: (M, 2) corners of the boxes that the
+    layer of each wrinkle stays in at any stretch.
+    """
 
     graph: WrinkleGraph
     settings: AssetSettings
@@ -69,7 +73,8 @@ class BroadLayer:
         bends: Bends | None,
         waves: NDArray[np.float32] | None = None,
     ) -> BroadLayer | None:
-        """None where no cushion is wanted."""
+        """The broad layer of a graph with wrinkles between `ends` (M, 2, 2); None where the
+        settings have no cushion."""
         if settings.shape.cushion == 0.0:
             return None
         factor = coarse_factor(graph, settings)
@@ -81,14 +86,15 @@ class BroadLayer:
 
     @property
     def swells(self) -> NDArray[np.bool_]:
-        """(M,) whether there is anything of a wrinkle in the layer."""
+        """(M,) whether each wrinkle has a weight in the layer."""
         found: NDArray[np.bool_] = self.weights.max(axis=1) > 0
         return found
 
     def reach(
         self, low: NDArray[np.floating], high: NDArray[np.floating]
     ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-        """Boxes of both layers, with what the spline reads of the broad one beyond a border."""
+        """Boxes (M, 2), (M, 2) around both layers, from those of the narrow one; with what the
+        spline reads of the broad one beyond a border."""
         swells = self.swells[:, None]
         margin = (APRON + 1) * self.factor / self.settings.resolution
         return (
@@ -102,8 +108,8 @@ class BroadLayer:
         udim: int,
         limit: DrawLimit | None = None,
     ) -> None:
-        """Raise LimitError where those of these indices cover too much, or take longer than
-        `limit` to draw."""
+        """Raise LimitError where the wrinkles `inside` cover too much, or take longer than `limit`
+        to draw."""
         texels = self.settings.resolution // self.factor
         low, high = self.low[inside], self.high[inside]
         limit_cover(low, high, texels, "cushions", udim, self.factor)
@@ -111,7 +117,7 @@ class BroadLayer:
             limit.check(low, high, texels, "cushion", udim)
 
     def arrays(self, chosen: NDArray[np.int64], drawn: int, udim: int) -> CushionArrays:
-        """Those of the wrinkles with these indices, of which the first `drawn` are listed."""
+        """The arrays of the wrinkles `chosen`, of which the first `drawn` are in the lists."""
         listed = chosen[:drawn]
         swells, low, high = self.swells[listed], self.low[listed], self.high[listed]
         self.check(listed[swells], udim)
@@ -136,8 +142,8 @@ def narrow_weight(weight: NDArray[np.float32], shape: ShapeSettings) -> NDArray[
 
 
 def coarse_factor(graph: WrinkleGraph, settings: AssetSettings) -> int:
-    """The coarsest of FACTORS that carries the broad half widths, 2 where none does: the grid is
-    the same at every resolution at which one does."""
+    """The coarsest of FACTORS that carries the broad half widths, 2 where none does. The coarse
+    grid is the same at every resolution at which one does."""
     width = _width_to_carry(graph)
     if width is None:
         return FACTORS[-1]
@@ -147,8 +153,9 @@ def coarse_factor(graph: WrinkleGraph, settings: AssetSettings) -> int:
 
 
 def _width_to_carry(graph: WrinkleGraph) -> float | None:
-    """The median half width in UV of what swells, None where nothing does; less, by a half at most,
-    where lines at UV seams are narrower in the UV of one of their sides than of the other."""
+    """The median half width in UV of the lines that swell the skin, None where none does. It is
+    less, by a half at most, where lines at UV seams are narrower in the UV of one side than of the
+    other."""
     swells = graph.edge_weight > THRESHOLD
     if not swells.any():
         return None
@@ -167,7 +174,7 @@ def _width_to_carry(graph: WrinkleGraph) -> float | None:
 def cushion_lists(
     low: NDArray[np.floating], high: NDArray[np.floating], settings: AssetSettings, factor: int
 ) -> CellLists:
-    """By coarse block, with what the apron of a block takes; low, high: (K, 2) boxes in UV."""
+    """The lists by coarse block of boxes (K, 2) in UV, for blocks with their aprons."""
     texel = factor / settings.resolution
     margin = (APRON + 1) * texel
     cells = settings.resolution // (factor * COARSE_BLOCK)

@@ -1,4 +1,4 @@
-"""Smoothing on a surface by a length, however fine its mesh is: heat that spreads."""
+"""Smooths values on a surface by a length, however fine its mesh is: diffusion of heat."""
 
 from __future__ import annotations
 
@@ -22,17 +22,18 @@ _RESIDUAL, _MOST_ROUNDS = 1e-6, 1000
 
 
 class Diffusion:
-    """The surface of a mesh, ready to smooth what is known at its vertices.
+    """The surface of a mesh, ready to smooth values at its vertices.
 
-    Values spread as heat does, u' = Δu for the time sigma²/2, by backward Euler steps with the
+    Values diffuse as heat does, u' = Δu for the time sigma²/2, by backward Euler steps with the
     Laplacian of cotangents; negative ones count as 0, so that nothing overshoots. Nothing crosses
-    the rim, sums by area stay. one (V,): the number of the vertex that each is one with.  sigma:
-    that length, mesh units.
+    the rim, sums by area stay.
+
+    sigma: the length, mesh units.
     """
 
     def __init__(self, mesh: Mesh, sigma: float, one: NDArray[np.integer]) -> None:
-        """sigma: mesh units.  one: equal numbers for vertices that move as one, as those that an
-        exporter has split at UV seams."""
+        """sigma: standard deviation of the smoothing, mesh units.  one (V,): equal numbers for
+        vertices that move as one, as those that an exporter has split at UV seams."""
         self._one, self.sigma = one, sigma
         self._faces = one[mesh.faces]
         corners = mesh.positions.astype(np.float64)[mesh.faces]
@@ -46,20 +47,20 @@ class Diffusion:
         self._matrix = (diags(self._mass) + time * laplacian).tocsr()
 
     def of_triangles(self, values: NDArray[Any]) -> FloatArray:
-        """(V, K) at vertices, smoothed: of values (F, K), averaged by area."""
+        """(V, K) smoothed values at vertices, from values (F, K) of triangles, averaged by area."""
         share = values * (self._area / 3.0)[:, None]
         sums = [self._summed(np.repeat(column, 3)) for column in share.T]
         return self._spread(np.stack(sums, axis=-1) / self._mass[:, None])
 
     def of_vertices(self, values: NDArray[Any]) -> FloatArray:
-        """(V, K) smoothed: of values (V, K); vertices that are one take the mean of theirs."""
+        """(V, K) smoothed values, from values (V, K); vertices that are one take their mean."""
         count = np.bincount(self._one, minlength=self._count)
         sums = [np.bincount(self._one, weights=v, minlength=self._count) for v in values.T]
         return self._spread(np.stack(sums, axis=-1) / np.maximum(count, 1)[:, None])
 
     @property
     def normals(self) -> FloatArray:
-        """(V, 3) of unit length, outward; means of the triangles around a vertex, by area."""
+        """(V, 3) unit normals, outward: means of the triangles around each vertex, by area."""
         corners = np.repeat(self._normals, 3, axis=0)
         sums = np.stack([self._summed(column) for column in corners.T], axis=-1)
         sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)
@@ -79,7 +80,7 @@ class Diffusion:
 
 
 def triangle_areas(corners: FloatArray) -> FloatArray:
-    """(F,) of corners (F, 3, 3)."""
+    """(F,) areas of triangles with corners (F, 3, 3)."""
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     area: FloatArray = 0.5 * np.linalg.norm(np.cross(one, two), axis=-1)
     return area
@@ -101,13 +102,13 @@ def _laplacian(corners: FloatArray, faces: NDArray[np.integer], count: int) -> c
     return off - diags(np.asarray(off.sum(axis=1)).ravel())
 
 
-def _solved(matrix: csr_matrix, wanted: FloatArray, start: FloatArray) -> FloatArray:
-    """(C, K) with matrix · found = wanted: conjugate gradients after Jacobi, columns at once."""
+def _solved(matrix: csr_matrix, right: FloatArray, start: FloatArray) -> FloatArray:
+    """(C, K) with matrix · found = right: conjugate gradients after Jacobi, columns at once."""
     inverse = 1.0 / matrix.diagonal()[:, None]
-    found, rest = start, wanted - matrix @ start
+    found, rest = start, right - matrix @ start
     way = inverse * rest
     left = (rest * way).sum(axis=0)
-    enough = _RESIDUAL**2 * (wanted * inverse * wanted).sum(axis=0)
+    enough = _RESIDUAL**2 * (right * inverse * right).sum(axis=0)
     for _ in range(_MOST_ROUNDS):
         if (left <= enough).all():
             break

@@ -36,19 +36,21 @@ from rhytid.support import cancellation
 
 @dataclass(frozen=True)
 class WrinkleArrays:
-    """K wrinkles of a UDIM in texels, v up: segments (K, 4) = start and extent, sizes (K, 2) =
-    half width and weight, triangle (K,) that each samples, lists by block, stiffness (K,) or
-    None: 1 throughout. waves (K, 4) as in wave.clh, or None where none is wavy.
+    """K wrinkles of a UDIM in texels, v up.
 
-    Where they bend or taper slopes is (K, 2), else None, and sizes (K, 4): half widths at both
-    ends, then weights. partners (K, 2) int32: the wrinkles that continue at both ends, -1 for none;
-    None where no wrinkle continues. Partners that do not reach into the UDIM come last and are in
-    no list.
+    segments (K, 4): start and extent.  sizes (K, 2): half width and weight; where wrinkles bend or
+    taper (K, 4), half widths at both ends, then weights.  triangle (K,): that each samples.  lists:
+    by block.  stiffness (K,), or None: 1 throughout.  waves (K, 4): as in wave.clh; None where no
+    wrinkle is wavy.  slopes (K, 2): as in line.clh; None where none bends or tapers.
+    partners (K, 2) int32: the wrinkles that continue at both ends, -1 for none; None where no
+    wrinkle continues.
 
-    Before these may come copies, and wrinkles with a metric: skews (S, 4) are theirs as in
-    line.clh, origins where they sample stretch, and even how many wrinkles come before them.
+    Wrinkles come in this order: first `even` ones, then S copies and wrinkles with a metric, then
+    partners that do not reach into the UDIM and are in no list.  skews (S, 4): of the second group,
+    as in line.clh.  origins: where these sample stretch.
 
-    cushion: the arrays of the broad layer, or None where there is none."""
+    cushion: the arrays of the broad layer, or None where there is none.
+    """
 
     segments: NDArray[np.float32]
     sizes: NDArray[np.float32]
@@ -66,10 +68,13 @@ class WrinkleArrays:
 
 @dataclass(frozen=True)
 class PoreArrays:
-    """K pores of a UDIM in texels, v up: centres (K, 2), roots (K, 4) = (xx, xy, yy, weight),
-    triangle (K,) that each samples, lists by block. The rim is where |root·d| = 1 with root = [[xx,
-    xy], [0, yy]]. stiffness (K,) or None: 1 throughout. The last of them may be copies; origins is
-    where these sample stretch."""
+    """K pores of a UDIM in texels, v up.
+
+    centres (K, 2).  roots (K, 4): (xx, xy, yy, weight); the rim is where |root·d| = 1 with root =
+    [[xx, xy], [0, yy]].  triangle (K,): that each samples.  lists: by block.  stiffness (K,), or
+    None: 1 throughout.  origins: where the last of the pores, which are copies, sample stretch;
+    None where there are none.
+    """
 
     centres: NDArray[np.float32]
     roots: NDArray[np.float32]
@@ -80,7 +85,7 @@ class PoreArrays:
 
     @property
     def copies(self) -> int:
-        """How many of them have origins."""
+        """How many of the pores are copies."""
         return 0 if self.origins is None else len(self.origins.triangle)
 
 
@@ -92,10 +97,10 @@ def wrinkle_arrays(
     stiffness: NDArray[np.float32] | None = None,
     waves: NDArray[np.float32] | None = None,
 ) -> WrinkleArrays:
-    """Those wrinkles of strength above 0 that reach into the UDIM at any stretch.
+    """The arrays of the wrinkles with a strength above 0 that reach into the UDIM at any stretch.
 
-    triangle, stiffness: (M,) of every wrinkle of the graph.  waves: (M, 4) what `wrinkle_waves`
-    makes of the settings.
+    triangle, stiffness (M,): of every wrinkle of the graph.  waves (M, 4): the result of
+    `wrinkle_waves`.  Raises LimitError where the wrinkles cover too much of the map.
     """
     cancellation.check()
     ends = (graph.node_uv - np.array(udim_origin(udim), np.float32))[graph.edge_nodes]
@@ -139,9 +144,10 @@ def pore_arrays(
     udim: int,
     stiffness: NDArray[np.float32] | None = None,
 ) -> PoreArrays:
-    """Those pores of strength above 0 that reach into the UDIM at any stretch.
+    """The arrays of the pores with a strength above 0 that reach into the UDIM at any stretch.
 
-    triangle, stiffness: (N,) of every pore of the graph.
+    triangle, stiffness (N,): of every pore of the graph.  Raises LimitError where the pores cover
+    too much of the map.
     """
     cancellation.check()
     centres = graph.node_uv - np.array(udim_origin(udim), np.float32)
@@ -173,9 +179,9 @@ def pore_arrays(
 def check_cover(
     graph: WrinkleGraph, settings: AssetSettings, udim: int, limit: DrawLimit | None = None
 ) -> None:
-    """Raise LimitError where `wrinkle_arrays` or `pore_arrays` would, for what they cover, and
-    where drawing takes longer than `limit`; of straight wrinkles, for how far waves reach is known
-    only where the wrinkles are located."""
+    """Raise LimitError where `wrinkle_arrays` or `pore_arrays` would for what they cover, and where
+    drawing takes longer than `limit`. Wrinkles are taken without waves, whose reach is known only
+    where the wrinkles are located."""
     local = graph.node_uv - np.array(udim_origin(udim), np.float32)
     ends = local[graph.edge_nodes]
     bends = bends_of(graph, settings)
@@ -196,7 +202,7 @@ def check_cover(
 def _sizes(
     graph: WrinkleGraph, bends: Bends | None, chosen: NDArray[np.int64], settings: AssetSettings
 ) -> NDArray[np.float32]:
-    """(K, 2) or, where there are bends, (K, 4), as WrinkleArrays has them."""
+    """`sizes` of WrinkleArrays: (K, 2), or (K, 4) where there are bends."""
     half_widths, weights = (values[chosen] for values in sizes_of_ends(graph, bends))
     texels = np.float32(settings.resolution)
     return np.concatenate([half_widths * texels, narrow_weight(weights, settings.shape)], axis=1)
@@ -205,17 +211,17 @@ def _sizes(
 def _with_partners(
     drawn: NDArray[np.int64], partners: NDArray[np.int32] | None
 ) -> tuple[NDArray[np.int64], NDArray[np.int32] | None]:
-    """The rows that are drawn and after them (K,) those whose partners they are; and the partners
-    (K, 2) among these rows, -1 of rows that are not drawn."""
+    """(K,) the rows that are drawn, and after them their partners that are not; and (K, 2) the
+    partners of each as numbers of these rows, -1 for none and for rows that are not drawn."""
     if partners is None:
         return drawn, None
     row = np.full(len(partners), -1, np.int32)
     row[drawn] = np.arange(len(drawn))
-    wanted = partners[drawn]
-    beyond = np.unique(wanted[(wanted >= 0) & (row[wanted] < 0)])
+    named = partners[drawn]
+    beyond = np.unique(named[(named >= 0) & (row[named] < 0)])
     row[beyond] = len(drawn) + np.arange(len(beyond))
     found = np.full((len(drawn) + len(beyond), 2), -1, np.int32)
-    found[: len(drawn)] = np.where(wanted >= 0, row[wanted], -1)
+    found[: len(drawn)] = np.where(named >= 0, row[named], -1)
     return np.concatenate([drawn, beyond]), found
 
 
@@ -258,18 +264,18 @@ class UdimElements:
 
     @property
     def response_defines(self) -> dict[str, object]:
-        """What the kernels that find r of wrinkles are compiled with for these."""
+        """The defines of the kernels that find r of these wrinkles."""
         return {"BENT": 1} if self.bent else {}
 
     @property
     def line_arguments(self) -> tuple[Any, ...]:
-        """LINES of line.clh."""
+        """The arguments LINES of line.clh."""
         even = np.int32(self._even)
         return (self.segments, self.sizes, self.slopes, self.waves, even, self.skews)
 
     @property
     def line_defines(self) -> dict[str, object]:
-        """What line.clh is compiled with for these wrinkles (line_kinds.clh)."""
+        """The defines of kernels that draw these wrinkles (line_kinds.clh)."""
         given = {"BENT": self.slopes, "WAVY": self.waves, "SKEWED": self.skews}
         return {name: 1 for name, buffer in given.items() if buffer is not None}
 
@@ -326,7 +332,7 @@ def orientation_bins(segments: NDArray[np.float32], count: int) -> NDArray[np.ui
 
 
 def work_of(wrinkles: WrinkleArrays, pores: PoreArrays) -> MapWork:
-    """What drawing the wrinkles and pores of a UDIM takes."""
+    """The work of drawing the wrinkles and pores of a UDIM."""
     broad = None if wrinkles.cushion is None else (wrinkles.cushion.lists, wrinkles.cushion.factor)
     return MapWork(wrinkles.lists, pores.lists, cushion=broad)
 

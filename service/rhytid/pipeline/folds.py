@@ -1,5 +1,5 @@
-"""Where a face folds: how far its skin is compressed in expressions, and along which axis. Wrinkles
-run across that axis. Kernel: folds.cl.
+"""Measures where a face folds: how far its skin is compressed in expressions, and along which axis.
+Wrinkles run across that axis. Kernel: folds.cl.
 """
 
 from __future__ import annotations
@@ -89,9 +89,10 @@ def measured_folds(
     progress: Report,
     call: Caller,
 ) -> Folds | None:
-    """Where expressions fold a mesh, C = Σ w Σ min(log ρᵢ, 0)² q̂ᵢq̂ᵢᵀ at its vertices, w one over
-    the number of expressions that move anything; None where none does. And masks of the regions
-    that expressions of known names show.
+    """Measure where expressions fold a mesh; None where no expression moves anything.
+
+    The folds are C = Σ w Σ min(log ρᵢ, 0)² q̂ᵢq̂ᵢᵀ at the vertices, with w one over the number of
+    expressions that move anything, and masks of the regions that expressions of known names show.
 
     limit: of |log ρ|.  unit: of the mesh.  progress(fraction, stage) is called for each expression
     and may raise CancelledError.  call: runs each step in a task of the device.

@@ -39,8 +39,11 @@ _CARRIED = 64
 
 @dataclass(frozen=True)
 class GrainPlace(BufferGroup):
-    """Where the texels of a square of level 0 are: `side`² from (row, column) on, their triangles,
-    and their stiffness, float32, or None: 1 throughout."""
+    """A square of `side`² texels of level 0 from (row, column) on, with the triangles of its
+    texels.
+
+    stiffness: float32 of each texel, or None: 1 throughout.
+    """
 
     row: int
     column: int
@@ -54,9 +57,12 @@ class GrainPlace(BufferGroup):
 
 
 class GrainPlanes(BufferGroup):
-    """Where in space the texels of each triangle are, in cells of the noise, and how rough.
+    """Where in space the texels of each triangle are, in cells of the noise, and how rough they
+    are.
 
-    size: the largest wavelength, mesh units.  shares: of `grain_shares`; None: 1 throughout."""
+    size: the largest wavelength, mesh units.  shares: the result of `grain_shares`; None: 1
+    throughout.
+    """
 
     def __init__(
         self, device: Device, mesh: Mesh, size: float, shares: NDArray[np.float32] | None = None
@@ -75,9 +81,10 @@ def grain_codes(
     device: Device, planes: GrainPlanes, located: UdimTriangles, settings: AssetSettings,
     square: tuple[int, int, int],
 ) -> Buffer:  # fmt: skip
-    """int8 of each texel of a square (row, column, texels per side) of level 0.
+    """The code, int8, of each texel of a square (row, column, texels per side) of level 0.
 
-    settings: resolved, with a relief."""
+    settings: resolved, with a relief above 0.
+    """
     row, column, side = square
     triangles = located.texels(settings.resolution, row, column, side)
     codes = device.empty(side * side, np.int8)
@@ -96,7 +103,8 @@ def grain_place(
     device: Device, located: UdimTriangles, settings: AssetSettings, stiffness: Stiffness | None,
     square: tuple[int, int, int],
 ) -> GrainPlace:  # fmt: skip
-    """Made once for a square (row, column, texels per side) of level 0."""
+    """The GrainPlace of a square (row, column, texels per side) of level 0, which no frame
+    changes."""
     row, column, side = square
     triangles = located.texels(settings.resolution, row, column, side)
     vectors = VectorTriangles.of(device, triangles, side * side)
@@ -119,7 +127,7 @@ def relief(settings: AssetSettings) -> float:
 
 
 def _shares(settings: AssetSettings) -> tuple[np.float32, NDArray[np.float32]]:
-    """How many times as fine the grain is as the undulation, and the share of each."""
+    """The ratio of the wavelengths of grain and undulation, and the share of each in the relief."""
     shape = settings.shape
     finer = 1.0
     if shape.undulation > 0.0:
@@ -131,12 +139,13 @@ def _shares(settings: AssetSettings) -> tuple[np.float32, NDArray[np.float32]]:
 
 
 def grain_exponent(settings: AssetSettings) -> float:
-    """Of the stretch ratio along either axis: half of that of the depth of wrinkles."""
+    """The exponent of the stretch ratio along either axis: half of that of the depth of
+    wrinkles."""
     return settings.response.alpha_d / 2
 
 
 def grain_gains(device: Device, settings: AssetSettings, stretch: StretchBuffers) -> Buffer:
-    """float32 of each triangle: how many times the grain of the neutral shows."""
+    """float32 of each triangle: the factor of the grain of the neutral."""
     gains = device.empty(stretch.count, np.float32)
     exponent = np.float32(grain_exponent(settings))
     device.launch(
@@ -168,8 +177,11 @@ class Grain:
     def add(
         self, out: Buffer, square: tuple[int, int, int], tile: GrainPlace, codes: Buffer
     ) -> None:
-        """To that part of a square (row, column, texels per side) of level 0 that lies in a tile.
-        out: side² float32, mesh units, and whatever comes after them.  codes: of the tile."""
+        """Add grain to the part of a square (row, column, texels per side) of level 0 that lies in
+        a tile.
+
+        out: side² float32 of the square, mesh units; more may follow.  codes: of the tile.
+        """
         row, column, side = square
         top, left = max(row, tile.row), max(column, tile.column)
         height = min(row + side, tile.row + tile.side) - top
@@ -239,7 +251,8 @@ def grain_shares(
 
 
 def _carry(mesh: Mesh, values: NDArray[np.float64], known: NDArray[np.bool_]) -> None:
-    """Give vertices without a value the mean of those around them, in place, outwards."""
+    """Give vertices without a value the mean of those around them, in place, from known vertices
+    outwards."""
     mean = float(values[known].mean())
     one, two = mesh.faces.ravel(), np.roll(mesh.faces, 1, axis=1).ravel()
     to, of = np.concatenate([one, two]), np.concatenate([two, one])

@@ -30,8 +30,10 @@ class Part:
 
 @dataclass(frozen=True)
 class Levels(BufferGroup):
-    """Some levels of a square, finest first: `side`² float32, then half as many texels per side in
-    each that follows."""
+    """Some levels of a square, finest first.
+
+    side: texels per side of the finest; each that follows has half as many.  buffers: float32.
+    """
 
     side: int
     buffers: tuple[Buffer, ...]
@@ -59,8 +61,8 @@ def coarser(device: Device, parts: Sequence[Part], side: int, count: int) -> Lev
 def render_to_host(
     device: Device, draw: Draw, level: int, row: int, column: int, side: int
 ) -> NDArray[np.float32]:
-    """`side`² texels of a level, from texel (row, column) of that level on, of what `draw` draws;
-    (side, side) float32. Never more than a chunk is on the device."""
+    """(side, side) float32 of a level, from texel (row, column) of that level on, of the map that
+    `draw` draws. At most a chunk of it is on the device at a time."""
     span = side << level
     if span > _CHUNK and side > 1:
         half = side // 2

@@ -70,7 +70,7 @@ def remembered_pace(device: Device, folder: Path) -> float:
 
 
 def patch_pace(device: Device) -> float:
-    """The work a second of a patch of skin, the most of a few."""
+    """The work a second of drawing a patch of skin, the most of a few runs."""
     with device.task():
         elements, scales, draw = _patch(device)
         seconds = [_seconds(device, device.shape, draw) for _ in range(1 + _ROUNDS)]

@@ -25,7 +25,7 @@ _MARGIN = 1.001  # beyond the rounding of the scales on the device
 
 
 def response_defines(soft_limits: bool) -> dict[str, object]:
-    """What response.clh takes."""
+    """The defines of response.clh."""
     soft = {"SOFT_LIMITS": 1} if soft_limits else {}
     return {"SCALE_LIMIT": f"{SCALE_LIMIT}f", **soft}
 
@@ -115,7 +115,7 @@ def least_half_width(settings: AssetSettings) -> float:
 
 @dataclass(frozen=True)
 class Bends:
-    """What M wrinkles have at their first node and at their second, settings put in.
+    """Values of M wrinkles at their first node and at their second, with settings applied.
 
     slopes, weights, half_widths (M, 2) float32, as in WrinkleGraph.  partners (M, 2) int32, or None
     where the response does not ask for them.
@@ -128,7 +128,8 @@ class Bends:
 
 
 def bends_of(graph: WrinkleGraph, settings: AssetSettings) -> Bends | None:
-    """None where all wrinkles are straight, even and answer by themselves."""
+    """The bends of a graph's wrinkles; None where all are straight and even and respond by
+    themselves."""
     shape = settings.shape
     slopes = _share(None, graph.edge_slopes, shape.curvature)
     weights = _share(graph.edge_weight, graph.edge_end_weights, shape.taper)
@@ -155,9 +156,11 @@ def arc_box(
     slopes: NDArray[np.float32],
     roots: NDArray[np.float64] | None = None,
 ) -> Box:
-    """The same around arcs: an arc is a cubic Bézier curve, which stays within its four points.
+    """Corners (M, 2) and (M, 2) of the boxes around arcs. An arc is a cubic Bézier curve, which
+    stays within its four points.
 
-    roots: (M, 3) of metrics in which they are arcs, as `metric_roots` has them, or None: in UV.
+    slopes (M, 2): at both ends.  roots: (M, 3) of metrics in which they are arcs, as `metric_roots`
+    has them, or None: in UV.
     """
     start, stop = ends[:, 0].astype(np.float64), ends[:, 1].astype(np.float64)
     along = stop - start
@@ -168,7 +171,8 @@ def arc_box(
 
 
 def _left(along: NDArray[np.float64], roots: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(M, 2) in UV what is to the left of steps (M, 2) in a metric, and as long there."""
+    """(M, 2) vectors in UV that in the metric of roots (M, 3) lie to the left of steps (M, 2) and
+    are as long."""
     xx, xy, yy = roots.T
     ahead = xx * along[:, 0] + xy * along[:, 1]
     v = ahead / yy
@@ -178,7 +182,8 @@ def _left(along: NDArray[np.float64], roots: NDArray[np.float64]) -> NDArray[np.
 def _share(
     even: NDArray[np.float32] | None, ends: NDArray[np.float32] | None, share: float
 ) -> NDArray[np.float32] | None:
-    """(M, 2) between what a wrinkle has throughout, None for 0, and what it has at its ends."""
+    """(M, 2) values at ends, `share` of the way from the value of the whole wrinkle, `even` (M,) or
+    0 for None, to that of the end, `ends` (M, 2)."""
     if ends is None or share == 0.0:
         return None
     throughout = np.float32(0.0) if even is None else even[:, None]
@@ -191,7 +196,7 @@ def _even(values: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _partners(graph: WrinkleGraph) -> NDArray[np.int32] | None:
-    """(M, 2), in place of copies what they are of: both answer alike."""
+    """(M, 2) partners, with originals in place of copies: both respond alike."""
     partners, copy_of = graph.edge_partners, graph.edge_copy_of
     if partners is None or copy_of is None:
         return partners
@@ -202,7 +207,8 @@ def _partners(graph: WrinkleGraph) -> NDArray[np.int32] | None:
 def drawn_rows(
     weight: NDArray[np.float32], low: NDArray[np.floating], high: NDArray[np.floating]
 ) -> NDArray[np.int64]:
-    """Indices of what is drawn, sorted by the block of the centre for locality of memory."""
+    """The rows of elements that are drawn, sorted by the block of the centre for locality of
+    memory."""
     members = np.flatnonzero(reaching_in(weight, low, high))
     cell = np.clip((low[members] + high[members]) * 128.0, 0, 255).astype(np.int64)
     return members[np.argsort(cell[:, 1] * 256 + cell[:, 0], kind="stable")]

@@ -23,21 +23,21 @@ from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR
 from rhytid.pipeline.work import BLOCK
 
-# Fills scales, or r, of so many elements from their places, triangles and stiffness.
-Answer = Callable[[int, Buffer, Buffer, Buffer | None, Buffer], None]
+# Fills the response, scales or r, of so many elements from their places, triangles and stiffness.
+Responder = Callable[[int, Buffer, Buffer, Buffer | None, Buffer], None]
 
 
 @dataclass(frozen=True)
 class ScaleBuffers(BufferGroup):
-    """(σ_w, σ_d) of each wrinkle and pore of a UDIM in one frame, on the device; of wrinkles that
-    bend σ_w at both ends, then σ_d."""
+    """(σ_w, σ_d) of each wrinkle and pore of a UDIM in one frame, on the device. Of a wrinkle that
+    bends it is σ_w at both ends, then σ_d at both."""
 
     wrinkles: Buffer
     pores: Buffer
 
     @classmethod
     def allocate(cls, device: Device, elements: UdimElements) -> ScaleBuffers:
-        """Room for the scales of those elements, not initialised."""
+        """Buffers for the scales of `elements`, not initialised."""
         counts = ((4 if elements.bent else 2) * elements.wrinkles, 2 * elements.pores)
         return cls(*(device.empty(count, np.float32) for count in counts))
 
@@ -74,19 +74,22 @@ def respond(
             defines=defines,
         )  # fmt: skip
 
-    answer(device, elements, settings, scales, wrinkles, pores)
+    respond_with(device, elements, settings, scales, wrinkles, pores)
     return scales
 
 
-def answer(
+def respond_with(
     device: Device,
     elements: UdimElements,
     settings: AssetSettings,
     scales: ScaleBuffers,
-    wrinkles: Answer,
-    pores: Answer,
+    wrinkles: Responder,
+    pores: Responder,
 ) -> None:
-    """Fill the scales of the elements of a UDIM: of copies with what their originals answer."""
+    """Fill the scales of the elements of a UDIM; those of copies are the scales of their originals.
+
+    wrinkles, pores: launch the kernel that finds the response of each kind.
+    """
     with _wrinkle_scales(device, elements, settings, scales) as found:
         wrinkles(
             elements.wrinkles, elements.segments, elements.wrinkle_triangle,
@@ -104,23 +107,23 @@ def answer(
 def _take_over(
     device: Device,
     origins: OriginBuffers | None,
-    respond_to: Answer,
+    responder: Responder,
     found: Buffer,
     defines: Mapping[str, object],
 ) -> None:
     if origins is not None:
-        respond_to(
+        responder(
             origins.count, origins.places, origins.triangle, origins.stiffness, origins.scales
         )
-        origins.give(device, found, defines)
+        origins.overwrite(device, found, defines)
 
 
 @contextmanager
 def _wrinkle_scales(
     device: Device, elements: UdimElements, settings: AssetSettings, scales: ScaleBuffers
 ) -> Iterator[Buffer]:
-    """What the block launches kernels to write: the scales of wrinkles, or where wrinkles bend r
-    of each, of which the scales at their ends are made on leaving."""
+    """The buffer that kernels launched in the block write to: the scales of wrinkles; or, where
+    wrinkles bend, r of each, from which the scales at their ends are made when the block ends."""
     if not elements.bent:
         yield scales.wrinkles
         return
@@ -138,7 +141,7 @@ def _wrinkle_scales(
 def redrawing(
     device: Device, elements: UdimElements, settings: AssetSettings, scales: ScaleBuffers
 ) -> Draw:
-    """Draws any rectangle of level 0 of the frame that `scales` belong to."""
+    """A function that draws any square of level 0 of the frame that `scales` belong to."""
 
     def draw(row: int, column: int, side: int) -> Buffer:
         square = (row, column, side)
@@ -160,7 +163,8 @@ def _cushion(
     device: Device, elements: UdimElements, settings: AssetSettings, scales: ScaleBuffers,
     square: tuple[int, int, int],
 ) -> Iterator[tuple[tuple[Buffer, ...], Mapping[str, object]]]:  # fmt: skip
-    """The broad layer under a square, as `redraw` takes it; nothing where there is none."""
+    """The broad layer under a square, as arguments and defines of `redraw`; empty where there is
+    none. It is released when the block ends."""
     if elements.cushion is None:
         yield (), NO_DEFINES
         return
@@ -180,9 +184,11 @@ def launch_blocks(
     into: tuple[Any, ...],
     defines: Mapping[str, object] = NO_DEFINES,
 ) -> None:
-    """Run a drawing kernel over a square (row, column, texels per side) of level 0, one work-group
-    for some rows of a block by the launch shape of the device.
-    arguments: of the elements.  into: those of what is written."""
+    """Run a drawing kernel over a square (row, column, texels per side) of level 0. A work-group
+    draws some rows of a block, by the launch shape of the device.
+
+    arguments: of the elements.  into: of the output.
+    """
     row, column, side = square
     blocks, rows = side // BLOCK, min(device.shape.rows, BLOCK)
     shape, lines = settings.shape, elements.line_defines
@@ -196,7 +202,7 @@ def launch_blocks(
 
 
 def shape_values(shape: ShapeSettings) -> NDArray[np.float32]:
-    """The float4 that drawing kernels take: bulges, sharpness, slots."""
+    """The shape argument of drawing kernels, a float4: both bulges, sharpness, slots."""
     values = (shape.wrinkle_bulge, shape.pore_bulge, shape.sharpness, shape.slots)
     return np.array(values, np.float32)
 

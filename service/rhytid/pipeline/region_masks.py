@@ -45,7 +45,7 @@ _LEFT = "cheek"
 
 
 class RegionMasks:
-    """What the expressions of one mesh show of regions, one after the other."""
+    """Collects what the expressions of one mesh show of regions, one expression after the other."""
 
     def __init__(self, mesh: Mesh) -> None:
         self._mesh = mesh
@@ -53,7 +53,8 @@ class RegionMasks:
         self._moved: dict[str, FloatArray] = {}
 
     def add(self, name: str, positions: NDArray[np.float32], folds: NDArray[np.float32]) -> None:
-        """Look at one expression that moves something.  folds: (F, 3) as `FoldStage` has them."""
+        """Add one expression that moves something.  folds (F, 3): the result of
+        `FoldStage.measure`."""
         region = region_of(name)
         if region is None:
             return
@@ -66,7 +67,7 @@ class RegionMasks:
         self._shown.setdefault(region, []).append((motion, compression))
 
     def masks(self, surface: Diffusion) -> dict[str, NDArray[np.float32]]:
-        """(V,) shares from 0 to 1 of the regions that were shown."""
+        """The share (V,), 0 to 1, of each region that was shown, at every vertex, by its name."""
         shares = {region: self._by_shapes(region, surface) for region in self._shown}
         shares |= self._beside(surface)
         found = {}
@@ -90,7 +91,7 @@ class RegionMasks:
         return ramp(np.maximum.reduce(shares), begins, whole)
 
     def _beside(self, surface: Diffusion) -> dict[str, FloatArray]:
-        """(V,) of the nose and the neck, where the form of the face shows them."""
+        """(V,) shares of the nose and of the neck, of those that the form of the face shows."""
         found = {}
         if "nose" in self._moved:
             found["nose"] = nose_share(self._mesh, surface.normals, self._moved["nose"])

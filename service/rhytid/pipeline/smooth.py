@@ -18,7 +18,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.reach import response_defines
-from rhytid.pipeline.redraw import ScaleBuffers, answer
+from rhytid.pipeline.redraw import ScaleBuffers, respond_with
 from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.uv_vertices import UvVertices, unit_jacobians
 
@@ -43,7 +43,7 @@ class SmoothFields(BufferGroup):
         return (self.values,)
 
     def arguments(self, located: UdimTriangles) -> tuple[object, ...]:
-        """What every kernel that samples them takes, in order."""
+        """The arguments of every kernel that samples the fields, in order."""
         uv, none = located.corners, located.none
         return (uv, self.corners, self.values, none, np.float32(self.limit))
 
@@ -72,7 +72,11 @@ class SmoothStage:
         self.neutral = self._neutral_fields()
 
     def run(self, stretch: StretchBuffers, limit: float, soft: bool = False) -> SmoothFields:
-        """The fields of a frame, whatever model measured it; angles as they are for `stretch`."""
+        """The fields of a frame whose `stretch` any model measured; angles are compared where they
+        are for `stretch`.
+
+        limit: of |log ρ|.  soft: log stretch goes to its limit by a knee.
+        """
         values = self._fields(f"{stretch.model}_fields", *self._inputs(stretch, limit), soft=soft)
         neutral = None if stretch.jacobians is None else self.neutral
         return SmoothFields(values, self._corners, limit, neutral, stretch.model)
@@ -89,7 +93,7 @@ class SmoothStage:
         return values
 
     def _neutral_fields(self) -> Buffer:
-        """The metric of the neutral at the UV vertices, whatever the model of a frame."""
+        """The metric of the neutral at the UV vertices, which no model changes."""
         axes = self._device.upload(np.tile(np.eye(2, dtype=np.float32), (self._triangles, 1)))
         logs = self._device.upload(np.zeros((self._triangles, 2), np.float32))
         values = self._fields("tensor_fields", *self._means, self._jacobians, axes, logs)
@@ -139,5 +143,5 @@ def respond_smooth(
             defines=defines,
         )  # fmt: skip
 
-    answer(device, elements, settings, scales, wrinkles, pores)
+    respond_with(device, elements, settings, scales, wrinkles, pores)
     return scales

@@ -22,11 +22,12 @@ def stiffness_of_elements(
     uv: NDArray[np.float32],
     triangle: NDArray[np.int32],
 ) -> NDArray[np.float32] | None:
-    """(P,) at elements with their centres at (P, 2), UDIM offset included; None without a map.
+    """(P,) the stiffness of elements with their centres at uv (P, 2), UDIM offset included; None
+    without a map.
 
-    triangle: (P,) that each samples. An element whose centre lies outside of its triangle, beyond
-    a border or a seam, takes the point of the triangle that is closest: the skin that moves it. One
-    in no triangle is 1.
+    triangle (P,): that each samples. An element whose centre lies outside of its triangle, beyond a
+    border or a seam, takes the stiffness at the closest point of the triangle: the skin that moves
+    it. An element in no triangle has 1.
     """
     if stiffness is None:
         return None
@@ -42,8 +43,8 @@ def stiffness_of_texels(
     device: Device, stiffness: Stiffness | None, udim: int, side: int, row: int, column: int,
     count: int,
 ) -> Buffer | None:  # fmt: skip
-    """float32 of count² texels of a level of `side` texels, with room for a VECTOR; None where all
-    of them are 1."""
+    """The stiffness, float32, of count² texels from (row, column) of a level of `side` texels on,
+    in a buffer for a VECTOR at least; None where it is 1 throughout."""
     found = None if stiffness is None else stiffness.texels(udim, side, row, column, count)
     if found is None:
         return None
@@ -53,7 +54,7 @@ def stiffness_of_texels(
 def _of_held(
     stiffness: Stiffness, points: NDArray[np.float64], corners: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """(P,) at points (P, 2) of triangles (P, 3, 2)."""
+    """(P,) the stiffness at points (P, 2) of triangles (P, 3, 2)."""
     points = _closest(points, corners)
     # A point on a border of UDIMs is of the one that its triangle lies in.
     inwards = corners.mean(axis=1) - points

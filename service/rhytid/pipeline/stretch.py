@@ -38,7 +38,7 @@ class StretchBuffers(BufferGroup):
     def allocate(
         cls, device: Device, model: str, triangles: int, vertices: int, jacobians: Buffer | None
     ) -> StretchBuffers:
-        """Room for the stretch of that many triangles, not initialised."""
+        """Buffers for the stretch of that many triangles and vertices, not initialised."""
         count = triangles + 1
         ratios, axes, logs = (device.empty(width * count, np.float32) for width in (2, 4, 2))
         tension = device.empty(vertices, np.float32) if model == "tension" else None
@@ -72,10 +72,11 @@ class StretchStage:
         angles: str = "uv",
         soft: bool = False,
     ) -> StretchBuffers:
-        """Stretch of deformed positions (V, 3); of the neutral by definition where None.
+        """The stretch of deformed positions (V, 3), or for None that of the neutral, which is 1 by
+        definition.
 
-        angles: whether directions are compared in `uv` or on the `surface`. soft: log stretch goes
-        to its limit by a knee.
+        limit: of |log ρ|.  model: "tensor", "tension" or "uv".  angles: whether directions are
+        compared in "uv" or on the "surface".  soft: log stretch goes to its limit by a knee.
         """
         log_limit = LogLimit(limit, soft)
         jacobians = self._jacobians if angles == "surface" else None
@@ -134,14 +135,14 @@ def r_max_of(ratios: NDArray[np.float32], limit: float) -> float:
 
 @dataclass(frozen=True)
 class LogLimit:
-    """What log ρ is kept within, ±most: by a clamp, or where soft by a knee (limits.clh)."""
+    """The limit of log ρ, ±most, kept by a clamp, or where soft by a knee (limits.clh)."""
 
     most: float
     soft: bool = False
 
     @property
     def defines(self) -> dict[str, object]:
-        """What the kernels that use it are compiled with."""
+        """The defines of kernels that use the limit."""
         return {"SOFT_LIMITS": 1} if self.soft else {}
 
 
@@ -161,7 +162,7 @@ class StretchModel(Protocol):
 
 @dataclass(frozen=True)
 class Rest:
-    """What stretch needs of the neutral, per triangle, made once in double.
+    """The rest shape of every triangle, from which its stretch is measured; made once in double.
 
     shape: (F, 8) float32: 1/l, d/l, 1/h, each as a high and a low part; l is the length of the
     first edge, (d, h) the second edge in its frame. All zero for a triangle without usable area.
@@ -173,7 +174,7 @@ class Rest:
 
     @classmethod
     def of(cls, mesh: Mesh) -> Rest:
-        """From a mesh; every length is in mesh units."""
+        """The rest shapes of a mesh; every length is in mesh units."""
         usable = mesh.usable_triangles()
         corners = mesh.positions[mesh.faces].astype(np.float64)
         first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -225,7 +226,8 @@ class Tensor:
 
 
 class Tension:
-    """Per vertex the mean ratio of its edges' lengths, per triangle the mean log of them."""
+    """Mesh tension, an isotropic stretch (Raman et al. 2023): per vertex the mean ratio of the
+    lengths of its edges, per triangle the mean of their logs."""
 
     def __init__(self, device: Device, mesh: Mesh) -> None:
         offsets, neighbours, rest = edges_by_vertex(mesh)
@@ -274,7 +276,8 @@ def edges_by_vertex(
 
 
 class UvStretch:
-    """ρ_u = |J'e_u| / |J e_u| and ρ_v likewise, with J = ∂X/∂(u, v); the axes are those of UV."""
+    """Stretch along the UV axes (Zoss et al. 2020): ρ_u = |J'e_u| / |J e_u| and ρ_v likewise, with
+    J = ∂X/∂(u, v); the axes are those of UV."""
 
     def __init__(self, device: Device, mesh: Mesh) -> None:
         self._device = device

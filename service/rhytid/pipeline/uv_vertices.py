@@ -33,7 +33,7 @@ class UvVertices:
 
     @classmethod
     def of(cls, mesh: Mesh, used: NDArray[np.bool_]) -> UvVertices:
-        """Of all triangles; only those `used` (F,) count in means."""
+        """The UV vertices of a mesh; only triangles `used` (F,) count in means."""
         vertex, corners = _welded(mesh)
         count = len(vertex)
         members = np.repeat(np.flatnonzero(used), 3)

@@ -24,21 +24,24 @@ BYTES_A_TEXEL = 1
 
 
 def squares(side: int) -> dict[str, object]:
-    """What kernels must know where the vectors of a map of `side` texels per row, a multiple of 4,
-    are squares of four rows."""
+    """The defines with which the vectors of a map of `side` texels per row, a multiple of 4, are
+    squares of four rows."""
     return {"SQUARES": side}
 
 
 def in_rows(vectors: NDArray[np.integer], side: int) -> NDArray[np.integer]:
-    """(side, side) from the vectors (side²/VECTOR, VECTOR) of such a map."""
+    """(side, side) rows of a map from its vectors (side²/VECTOR, VECTOR), which are squares."""
     found: NDArray[np.integer] = vectors.reshape(side // 4, side // 4, 4, 4).swapaxes(1, 2)
     return found.reshape(side, side)
 
 
 @dataclass(frozen=True)
 class VectorTriangles(BufferGroup):
-    """firsts (V + 1,) int32: where the members of a vector begin.  members (K, 2) int32: a
-    triangle and the texels of the vector that lie in it, as bits."""
+    """The triangles under the texels of V vectors, on the device.
+
+    firsts (V + 1,) int32: where the members of each vector begin.  members (K, 2) int32: a triangle
+    and, as bits, the texels of the vector that lie in it.
+    """
 
     firsts: Buffer
     members: Buffer
@@ -51,8 +54,10 @@ class VectorTriangles(BufferGroup):
         texels: int,
         defines: Mapping[str, object] = NO_DEFINES,
     ) -> VectorTriangles:
-        """From the int32 triangle of each of `texels` texels, a multiple of VECTOR.  defines: which
-        texels a vector has, as `squares` says it, else those of a row."""
+        """From the triangles, int32, of `texels` texels, a multiple of VECTOR.
+
+        defines: those of `squares` where vectors are squares, none where they are of a row.
+        """
         count = texels // VECTOR
         counts = device.empty(count, np.int32)
         device.launch("vectors", "count_triangles", (count,), triangles, counts, defines=defines)

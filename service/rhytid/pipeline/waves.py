@@ -19,8 +19,8 @@ LARGEST = 0.2
 def wrinkle_waves(
     mesh: Mesh, graph: WrinkleGraph, triangle: NDArray[np.int32], shape: ShapeSettings
 ) -> NDArray[np.float32] | None:
-    """(M, 4) float32, of each wrinkle as wave.clh has it: amplitude in uv units, waves along the
-    whole wrinkle, phase in waves, share of the whole. None where all are straight.
+    """The waves (M, 4) float32 of every wrinkle, as in wave.clh: amplitude in uv units, waves along
+    the whole wrinkle, phase in waves, share of the whole. None where all are straight.
 
     triangle: (M,) that each samples, the number of triangles for none: such a wrinkle is straight,
     as is one on a triangle without area. Amplitude and frequency are meant on the neutral surface;
@@ -82,14 +82,14 @@ def _measured(
 
 
 def _apart(mesh: Mesh, graph: WrinkleGraph, pairs: NDArray[np.int64]) -> NDArray[np.float64]:
-    """(P,) distance of the two pores of a wrinkle stored as two halves."""
+    """(P,) the distance between the pores of wrinkles stored as two halves."""
     one, two = (node_places(mesh, graph, graph.edge_nodes[half, 0]) for half in pairs.T)
     apart: NDArray[np.float64] = np.linalg.norm(one - two, axis=1)
     return apart
 
 
 def _handed(mesh: Mesh, triangle: NDArray[np.int32]) -> NDArray[np.float64]:
-    """(...) -1 where the UV of a triangle is mirrored, else 1, for none as well."""
+    """(...) -1 where the UV of a triangle is mirrored, else 1; also 1 for no triangle."""
     index = np.minimum(triangle.ravel(), len(mesh.faces) - 1)
     a, b, c = np.moveaxis(mesh.triangle_uv()[index], 1, 0)
     u, w = b - a, c - a

@@ -33,8 +33,8 @@ class MapWork:
     """The work of drawing any square of a map whose sides are multiples of BLOCK."""
 
     def __init__(self, *of_lists: CellLists, cushion: tuple[CellLists, int] | None = None) -> None:
-        """of_lists: of the elements of the map.  cushion: of the broad layer, and texels per sample
-        of it: its blocks are drawn whole, however small the square is."""
+        """of_lists: lists of the elements of the map.  cushion: lists of the broad layer, and
+        texels per sample of it; its blocks are drawn whole, however small the square is."""
         self._fine = _sums(sum((_work(lists) for lists in of_lists), np.float64(_BLANK)))
         self._coarse, self._factor = None, 1
         if cushion is not None:
@@ -42,26 +42,27 @@ class MapWork:
 
     @property
     def total(self) -> float:
-        """Of the whole map."""
+        """The work of the whole map."""
         coarse = 0.0 if self._coarse is None else float(self._coarse[-1, -1])
         return float(self._fine[-1, -1]) + coarse
 
     @property
     def densest(self) -> float:
-        """The most that a single block is."""
+        """The work of the densest block."""
         blocks = [self._fine] if self._coarse is None else [self._fine, self._coarse]
         return max(float(np.diff(np.diff(sums, axis=0), axis=1).max()) for sums in blocks)
 
     def of(self, row: int, column: int, side: int) -> float:
-        """Of `side`² texels of level 0 from (row, column) on; what lies outside is none."""
+        """The work of `side`² texels of level 0 from (row, column) on; none of it outside the
+        map."""
         found = _between(self._fine, (row, column), side, BLOCK)
         if self._coarse is not None:
             found += _between(self._coarse, (row, column), side, BLOCK * self._factor)
         return found
 
     def cut(self, square: Square, most: float, largest: int, least: int = BLOCK) -> list[Square]:
-        """Squares that make up a larger one, halved until each has at most `largest` texels per
-        side and is at most so much work, or has `least`. Halves of an odd number of blocks
+        """Cut a square into squares, halved until each has at most `largest` texels per side and at
+        most the work `most`, or has `least` texels per side. Halves of an odd number of blocks
         overlap."""
         if self.is_piece(square, most, largest, least):
             return [square]
@@ -77,7 +78,7 @@ class MapWork:
         return side < 2 * least or (side <= largest and self._divisible(square) <= most)
 
     def around(self, place: Square, most: float, largest: int, least: int = BLOCK) -> Square:
-        """The square that `cut` makes of the whole map and a smaller one lies in."""
+        """The square, of those that `cut` makes of the whole map, that a smaller square lies in."""
         row, column, side = place
         piece = _aligned(row, column, max(largest, side))
         while piece[2] // 2 >= max(least, side) and self._divisible(piece) > most:
@@ -85,7 +86,7 @@ class MapWork:
         return piece
 
     def _divisible(self, square: Square) -> float:
-        """The work of a square that its quarters share."""
+        """The work of a square that its quarters divide among them."""
         found = _between(self._fine, square[:2], square[2], BLOCK)
         if self._coarse is not None and square[2] > BLOCK * self._factor:
             found += _between(self._coarse, square[:2], square[2], BLOCK * self._factor)
@@ -104,12 +105,13 @@ def _work(lists: CellLists) -> NDArray[np.float64]:
 
 
 def _sums(work: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n + 1, n + 1): of all cells above and to the left."""
+    """(n + 1, n + 1) sums of the work of all cells above and to the left."""
     return np.pad(np.cumsum(np.cumsum(work, axis=0), axis=1), ((1, 0), (1, 0)))
 
 
 def _between(sums: NDArray[np.float64], corner: tuple[int, int], side: int, texels: int) -> float:
-    """Of the cells, of so many texels per side, that a square lies in."""
+    """The work of the cells, of `texels` texels per side, that a square of `side` texels lies
+    in."""
     end = len(sums) - 1
     top, left = (min(max(at // texels, 0), end) for at in corner)
     bottom, right = (min(max(-(-(at + side) // texels), 0), end) for at in corner)
@@ -159,8 +161,8 @@ def _within(
 def work_around(
     low: NDArray[np.floating], high: NDArray[np.floating], resolution: int
 ) -> NDArray[np.float64]:
-    """(blocks, blocks) about the work of boxes, corners (K, 2) in UV, in each block of a map, v
-    down: each is taken to cover all its blocks alike."""
+    """(blocks, blocks) an estimate of the work of boxes, corners (K, 2) in UV, in each block of a
+    map, v down: a box is taken to cover all its blocks alike."""
     cells = max(resolution // BLOCK, 1)
     inside = (np.clip(corner.astype(np.float64), 0.0, 1.0) for corner in (low, high))
     low, high = inside
@@ -177,9 +179,10 @@ def work_around(
 
 @dataclass(frozen=True)
 class DrawLimit:
-    """Seconds that one drawing of the map of a UDIM may take, about, at so much work a second.
+    """How long drawing the map of a UDIM may take.
 
-    It is estimated from boxes around elements at any stretch: what is drawn takes a share of it.
+    seconds: about so many.  per_second: work that the device does a second. The time is estimated
+    from boxes around elements at any stretch: a frame takes a share of it.
     """
 
     seconds: float

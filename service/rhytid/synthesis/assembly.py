@@ -1,4 +1,4 @@
-"""Puts a graph together: weights and sizes of wrinkles and pores."""
+"""Puts a graph together: weights and sizes of wrinkles and pores, and their copies at UV seams."""
 
 from __future__ import annotations
 
@@ -34,8 +34,10 @@ _FADING = 1.25
 
 @dataclass(frozen=True, eq=False)
 class EdgeStrengths:
-    """strength (E,) float32: of all candidate edges.  hubs (H,) int32: the pores where primary
-    lines meet.  usual: what strengths are measured against.
+    """Strengths of a candidate graph.
+
+    strength (E,) float32: of all candidate edges.  hubs (H,) int32: the pores where primary lines
+    meet.  usual: means of even skin, which strengths are measured against.
     """
 
     strength: NDArray[np.float32]
@@ -45,9 +47,9 @@ class EdgeStrengths:
 
 @dataclass(frozen=True, eq=False)
 class GraphParts:
-    """What a graph is made of: pores, and the lines between them.
+    """The pores of a graph and the lines between them, to be given sizes and weights.
 
-    spacing: mean, of pores on even skin, in units of the surface.
+    spacing: mean distance of a pore to the nearest on even skin, in units of the surface.
     """
 
     ground: Ground
@@ -59,10 +61,8 @@ class GraphParts:
     seed: int
 
     def graph(self, progress: Progress) -> WrinkleGraph:
-        """Pores and lines with their sizes and weights, and copies of what reaches over a seam.
-
-        Nodes beyond a border are as large as their pore and not drawn.
-        """
+        """The graph: pores and lines with sizes and weights, and copies of those that reach over a
+        seam. Nodes beyond a border are as large as their pore and are not drawn."""
         ground, pores, lines, fields = self.ground, self.pores, self.lines, self.ground.fields
         weight, factor, half_width, width = self._sizes_of_lines(progress)
         progress(0.4, "shapes")
@@ -96,8 +96,8 @@ class GraphParts:
     def _shapes_of_pores(
         self, strengths: NDArray[np.float32], progress: Progress
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-        """(P,) weights, (P, 3) metrics and (P,) radii of pores, from the strengths of the lines
-        that are no copies."""
+        """(P,) weights, (P, 3) metrics and (P,) radii of pores, from the weights of the lines that
+        are no copies."""
         surface, fields, pores, lines = (
             self.ground.surface,
             self.ground.fields,
@@ -124,7 +124,8 @@ class GraphParts:
         return (depth, *pore_ellipses(surface, pores.triangle, size, *axes))
 
     def _sizes_of_lines(self, progress: Progress) -> tuple[NDArray[np.float32], ...]:
-        """(W,) weights, factors that these still lack, and half widths in UV and on the surface."""
+        """(W,) each, of lines: weights, factors by which these are still to be multiplied, and half
+        widths in UV and on the surface."""
         ground, lines, spacing, fields = self.ground, self.lines, self.spacing, self.ground.fields
         chosen = self.strengths.strength[lines.edge]
         uv = np.concatenate([self.pores.uv, lines.beyond])
@@ -150,8 +151,10 @@ class GraphParts:
 
 
 def _grain(arrays: Arrays, grain: NDArray[np.float32], owner: NDArray[np.integer]) -> Arrays:
-    """`node_grain` from that of the pores, nothing where it is 1 throughout. Nodes of pores come
-    first, then ends of their wrinkles, then copies."""
+    """The array `node_grain` from the grain of the pores; no array where that is 1 throughout.
+
+    Nodes are ordered: pores, then ends of their wrinkles, then copies.
+    """
     if (grain == 1.0).all():
         return {}
     found = np.concatenate([grain, grain[owner]])
@@ -161,7 +164,7 @@ def _grain(arrays: Arrays, grain: NDArray[np.float32], owner: NDArray[np.integer
 
 
 def _scale(weight: NDArray[np.float32], factor: NDArray[np.float32]) -> None:
-    """Times a factor, in place, still above 0 and at most 1."""
+    """Multiply weights by a factor, in place, and keep them above 0 and at most 1."""
     np.clip(weight * factor, _LEAST_WEIGHT, 1.0, out=weight)
 
 
@@ -173,10 +176,13 @@ def beside_bare(
     uv: NDArray[np.floating],
     spacing: float,
 ) -> NDArray[np.float32]:
-    """(N,) factors of the weight of lines whose middles are at uv (N, 2): 1 away from bare skin.
+    """(N,) factors of the weight of lines with their middles at uv (N, 2): 1 away from bare skin.
 
-    across: (F, 3) neighbours of the triangles; what is painted beyond a chart does not count.
-    spacing: of the pores of even skin, in units of the surface.
+    Walkers cannot cross bare skin and wear its rim twice as deep as other lines: left alone, a ring
+    of a crack goes round. Lines fade there instead, as they do towards a scar.
+
+    across: (F, 3) neighbours of the triangles; bare skin in other charts does not count.
+    spacing: of pores on even skin, in units of the surface.
     """
     reach = _REACH * spacing * fields.spacing(triangle, uv).astype(np.float64)
     bare = np.zeros(len(triangle), np.float32)

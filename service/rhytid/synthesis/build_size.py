@@ -1,5 +1,5 @@
-"""How many wrinkles are asked for, by their number or by the spacing of pores, and roughly how much
-their build will be: said before it begins."""
+"""How many wrinkles settings ask for, by their number or by the spacing of pores, and a rough
+estimate of what building them takes, before the build begins."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ LESS = "mask the face or raise the spacing for less"
 
 @dataclass(frozen=True)
 class RequestedCount:
-    """The setting that says how dense pores are, and how many wrinkles it makes where density is 1.
+    """How many wrinkles settings ask for where density is 1, and the setting that says so.
 
-    value: of the setting.  wrinkles: the area over the squared spacing decides, or the setting.
+    setting: "wrinkles" or "spacing".  value: of that setting.  wrinkles: the value, or what the
+    spacing makes of the area of the surface.
     """
 
     setting: str
@@ -37,7 +38,7 @@ class RequestedCount:
 
     @classmethod
     def of(cls, settings: GraphSettings, area: float) -> RequestedCount:
-        """area: of the surface that carries pores, squared mesh units.
+        """From settings.  area: of the surface that carries pores, squared mesh units.
 
         Raises SettingsError where neither setting is set.
         """
@@ -56,23 +57,23 @@ class RequestedCount:
 
     @property
     def hint(self) -> str:
-        """What else may be wrong where there are too many."""
+        """What to add to a message about too many wrinkles."""
         return "" if self.setting == "wrinkles" else " or more; is the unit right?"
 
     def at_most(self, wrinkles: float) -> str:
-        """What the setting can be for no more than so many wrinkles where density is 1."""
+        """The setting, in words, for no more than so many wrinkles where density is 1."""
         if self.setting == "wrinkles":
             return f"{int(wrinkles)}"
         return self._spacing(wrinkles, up=True)
 
     def at_least(self, wrinkles: float) -> str:
-        """What the setting can be for no fewer."""
+        """The setting, in words, for no fewer than so many wrinkles where density is 1."""
         if self.setting == "wrinkles":
             return f"graph.wrinkles of {int(np.ceil(wrinkles))} or more"
         return f"graph.spacing of {self._spacing(wrinkles, up=False)} or less; is the unit right?"
 
     def _spacing(self, wrinkles: float, *, up: bool) -> str:
-        """To three digits, rounded to the safe side."""
+        """The spacing for so many wrinkles, to three digits, rounded up or down."""
         spacing = self.value * (self.wrinkles / max(wrinkles, 1e-9)) ** 0.5
         step = 10.0 ** (np.floor(np.log10(spacing)) - 2)
         return f"{step * (np.ceil if up else np.floor)(spacing / step):.3g}"
@@ -80,7 +81,11 @@ class RequestedCount:
 
 @dataclass(frozen=True)
 class BuildSize:
-    """wrinkles, pores: how many.  seconds: on two cores.  nbytes: peak memory of the process."""
+    """A rough estimate of what a build takes.
+
+    wrinkles, pores: how many there will be.  seconds: on two cores.  nbytes: peak memory of the
+    process.
+    """
 
     wrinkles: int
     pores: int
@@ -89,7 +94,7 @@ class BuildSize:
 
     @classmethod
     def of(cls, mesh: Mesh, wrinkles: int) -> BuildSize:
-        """Of so many wrinkles on a mesh."""
+        """The estimate for so many wrinkles on a mesh."""
         area, seams = _measured(mesh)
         pores = wrinkles / EDGES_PER_PORE
         spacing = SPACING * np.sqrt(PACKING * area / max(pores, 1.0))
@@ -98,11 +103,11 @@ class BuildSize:
 
     @property
     def is_long(self) -> bool:
-        """Whether it is so much that more than skin to be seen may have been asked for."""
+        """Whether the build takes so long that the mesh may hold more than the skin to be seen."""
         return self.seconds > LONG
 
     def figures(self) -> dict[str, Any]:
-        """For JSON."""
+        """The estimate as JSON values."""
         return asdict(self)
 
     def __str__(self) -> str:

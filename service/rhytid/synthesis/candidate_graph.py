@@ -28,7 +28,7 @@ _CLASS = 1024.0
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """What candidate graphs are made on: a surface with its fields, and a workspace on the device.
+    """A surface with its fields and a workspace on the device, to make candidate graphs on.
 
     across: (F, 3) neighbours of the triangles.
     """

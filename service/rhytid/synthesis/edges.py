@@ -36,7 +36,7 @@ _ROWS = 1 << 18
 # with more fewer are looked at together.
 _BLOCK, _PARTNERS = 1 << 19, 8
 # Of a step of the lattice: products of four coordinates stay within float32. A power of two rounds
-# nothing, so that what crosses does not hang on the lengths of other edges.
+# nothing, so that crossings do not depend on the lengths of other edges.
 _SCALE = 2.0**-15
 
 
@@ -70,9 +70,10 @@ def candidates(
     progress: Progress,
     fields: Fields | None = None,
 ) -> Edges:
-    """Edges from each pore to its `count` nearest, those that can be drawn on the map.
+    """The edges from each pore to its `count` nearest that can be drawn on the map.
 
-    across: (F, 3) neighbours of the triangles.  radius: of the discs around the pores.
+    across: (F, 3) neighbours of the triangles.  radius: of the discs around the pores, in units of
+    the surface.
     """
     fields = fields or Fields()
     with work.nested() as nested:
@@ -104,14 +105,14 @@ def _ways(
     count: int,
     progress: Progress,
 ) -> Buffer:
-    """(N, WAYS) int32 on the device: neighbours of each pore that hide behind no nearer one."""
+    """(N, WAYS) int32 on the device: the neighbours of each pore that no nearer one hides."""
     shared = (
         *cloud.points, factor, *cloud.grid.arguments, float(cloud.lattice.unit / radius),
         float(REACH),
     )  # fmt: skip
     far2, far = work.empty(cloud.count, np.float32), work.empty(cloud.count, np.int32)
     work.run(
-        "nearest", "farthest_wanted", cloud.count, count, *shared, far2, far, defines=DEFINES,
+        "nearest", "farthest_neighbour", cloud.count, count, *shared, far2, far, defines=DEFINES,
         report=lambda share: progress(0.5 * share, "edges"),
     )  # fmt: skip
     ways = work.empty(WAYS * cloud.count, np.int32)
@@ -127,7 +128,7 @@ def _ways(
 def _pairs(
     work: Workspace, cloud: DevicePoints, ways: Buffer
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """(E, 2) pairs that are ways of each other, and (E,) their distance."""
+    """(E, 2) pairs of pores that are neighbours of each other, and (E,) their distance."""
     counts = work.empty(cloud.count, np.int32)
     work.run("edges", "count_edges", cloud.count, ways, counts, defines=DEFINES)
     starts = starts_of(work.read(counts, (cloud.count,), np.int32))
@@ -175,11 +176,11 @@ def crossings(
     progress: Progress = silent,
     lattice: Lattice | None = None,
 ) -> NDArray[np.int32]:
-    """(P, 2) pairs of edges that cross, seen along the normal between them, each once.
+    """(P, 2) pairs of edges that cross, seen along the normal between them, each pair once.
 
-    nodes: (E, 2).  length: (E,), the distance of the two.  Edges with a common pore do not cross,
-    nor do those of different sheets.  lattice: of the places of pores; one around them if none is
-    given.
+    nodes (E, 2): the pores of each edge.  length (E,): the distance of these.  Edges with a common
+    pore do not cross, nor do edges on different sheets.  lattice: of the places of pores; without
+    it, one around them.
     """
     if not len(nodes):
         return np.empty((0, 2), np.int32)
@@ -198,7 +199,7 @@ def _blocks(
     progress: Progress,
     lattice: Lattice | None,
 ) -> Iterator[NDArray[np.int32]]:
-    """Pairs, from some edges after others."""
+    """The pairs, found for a block of edges at a time."""
     typical = max(1.5 * float(length.mean()), 1e-9)
     cloud = DevicePoints.of(work, pores, typical, lattice)
     members = work.upload(nodes)
@@ -215,8 +216,8 @@ def _blocks(
 def _found(
     work: Workspace, shared: tuple[Any, ...], start: int, count: int, room: int
 ) -> Iterator[NDArray[np.int32]]:
-    """(P, 2) the crossings that edges start to start + count find, with room for so many each;
-    where one has more, some edges after others."""
+    """(P, 2) the crossings of edges `start` to `start + count`. There is room for `room` of each
+    edge; where one has more, the kernel runs again with more room over fewer edges at a time."""
     partners, partners_of = _launched(work, shared, start, count, room)
     most = int(partners_of.max())
     if most <= room:
@@ -231,7 +232,7 @@ def _found(
 def _launched(
     work: Workspace, shared: tuple[Any, ...], start: int, count: int, room: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """(count, room) partners of edges, and (count,) how many there are, at least."""
+    """(count, room) the partners of each edge, and (count,) how many it has, which may be more."""
     found, much = work.empty(count * room, np.int32), work.empty(count, np.int32)
     work.run(
         "crossings", "find_crossings", count, start, *shared, found, much,

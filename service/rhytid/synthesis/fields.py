@@ -24,16 +24,15 @@ _BEND = ((0.35, 60.0), (0.35, 12.0))
 
 
 class Fields:
-    """Even skin; subclasses vary it by place.
+    """Properties of even skin; subclasses vary them by place.
 
-    Every method takes the triangle (N,) and uv (N, 2) of points and answers (N,) float32. Methods
+    Every method takes the triangle (N,) and uv (N, 2) of points and returns (N,) float32. Methods
     are called with some millions of points at a time, always the same in the same order.
 
-    least_spacing, most_spacing: what `spacing` keeps within, above 0. Pores stand apart by the
-    radius times the mean of both factors.  detail: UV length within which spacing and bareness
-    hardly change.  some_bare: whether `bare` is true anywhere.  some_contrast: whether
-    `contrast` differs from 1 anywhere.  usual_pore_radius: what
-    `pore_radius` is where nothing is painted.
+    least_spacing, most_spacing: limits of `spacing`, above 0. Two pores stand apart by the radius
+    times the mean of their factors.  detail: UV length within which spacing and bareness hardly
+    change.  some_bare: whether `bare` is true anywhere.  some_contrast: whether `contrast` differs
+    from 1 anywhere.  usual_pore_radius: `pore_radius` where nothing is painted.
     """
 
     least_spacing = 1.0
@@ -48,7 +47,7 @@ class Fields:
         return np.ones(len(triangle), np.float32)
 
     def bare(self, triangle: NDArray[Any], uv: NDArray[Any]) -> NDArray[np.bool_]:
-        """Where there are no pores."""
+        """Whether skin is bare, that is without pores: (N,) bool."""
         return np.zeros(len(triangle), np.bool_)
 
     def strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -60,7 +59,7 @@ class Fields:
         return self.strength(triangle, uv)
 
     def contrast(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """Power of the weight of wrinkles, before it is multiplied; asked for where `some_contrast`
+        """Power of the weight of wrinkles, taken before factors; called only where `some_contrast`
         is true."""
         return np.ones(len(triangle), np.float32)
 
@@ -77,8 +76,8 @@ class Fields:
         return np.ones(len(triangle), np.float32)
 
     def anisotropy(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """How far walkers follow preferred directions: 1 as usual, 0 not at all; above 1 the second
-        family of lines turns towards the first, until at 2 both are one."""
+        """How far walkers follow preferred directions: 1 as usual, 0 not at all. Above 1 the second
+        family of lines turns towards the first; at 2 both are one."""
         return np.ones(len(triangle), np.float32)
 
     def width(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -139,7 +138,7 @@ def level_directions(normal: FloatArray) -> FloatArray:
 class SmoothNoise:
     """Values of mean 0 and deviation 1 that change over about `size`: a sum of plane waves.
 
-    They hang on the place alone, counted from the origin of the mesh's coordinates.
+    They depend on the place alone, counted from the origin of the mesh's coordinates.
     """
 
     def __init__(self, size: float, rng: np.random.Generator) -> None:

@@ -40,9 +40,10 @@ _LOOSE = 0.44
 
 
 class FoldField:
-    """Folds of a mesh at points of its surface.  regions: names of the masks that come with them.
+    """The folds of a mesh at points of its surface.
 
-    detail: UV length within which a mask changes little.  age: of the skin, years.
+    regions: names of the masks that come with the folds.  detail: UV length within which a mask
+    changes little.  age: of the skin, years.
     """
 
     def __init__(self, mesh: Mesh, surface: Surface, folds: Folds, age: float = USUAL_AGE) -> None:
@@ -68,12 +69,12 @@ class FoldField:
         self.detail = float(np.median(extent)) if folds.regions else float("inf")
 
     def factor(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """(N,) of the `strength`, the `anisotropy` or the `width` of lines, or of `primary` ones;
-        or the `certainty` of their direction, from 0 to 1."""
+        """(N,) a property of lines by its name: the factor of their `strength`, `anisotropy` or
+        `width`, that of `primary` lines, or the `certainty` of their direction, from 0 to 1."""
         return self.at(self._planes[name], triangle, uv)
 
     def mixed(self, values: Mapping[str, float], base: float) -> Planes:
-        """Values of regions, mixed by their masks, and a base where these leave something."""
+        """Values of regions, mixed by their masks; `base` where the masks leave something."""
         masks = {region: self._masks[region].astype(np.float64) for region in values}
         total: FloatArray = np.sum(list(masks.values()), axis=0)
         found = np.maximum(1.0 - total, 0.0) * base
@@ -82,7 +83,8 @@ class FoldField:
         return self._planes_of(found)
 
     def at(self, planes: Planes, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """(N,) values at points; within those of the corners, also where a point lies outside."""
+        """(N,) values at points, kept within those of the corners also where a point lies
+        outside."""
         found = np.empty(len(triangle), np.float32)
         for rows in row_blocks(len(triangle)):
             chosen, where = planes[triangle[rows]], uv[rows]
@@ -93,8 +95,8 @@ class FoldField:
         return found
 
     def blended_with(self, other: Factors, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """(N,) radians to the left from the level direction to the lines of the field; where it is
-        not certain, to a mean with `other`, both as axes."""
+        """(N,) radians to the left from the level direction to the lines of the field; where these
+        are not certain, to their mean with `other` (N,), both taken as axes."""
         turn = np.empty_like(other)
         for rows in row_blocks(len(other)):
             at, where = triangle[rows], uv[rows]
@@ -119,7 +121,7 @@ class FoldField:
         return axis
 
     def _planes_of(self, values: FloatArray) -> Planes:
-        """Of values at vertices (V,)."""
+        """The planes of values at vertices (V,)."""
         corners, uv = values[self._faces], self._surface.uv
         one, two = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
         area = cross(one, two)

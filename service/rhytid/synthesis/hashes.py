@@ -1,6 +1,6 @@
-"""Random numbers that hang on a place in the map, not on what was drawn before it.
+"""Random numbers that depend on a place in the map, not on what was drawn before it.
 
-The same as in the kernels: random.clh.
+They are those of the kernels: random.clh.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ Words = NDArray[np.uint32]
 
 
 def random4(x: Any, y: Any, z: Any, w: Any) -> tuple[Words, Words, Words, Words]:
-    """Four random words for each four words: pcg4d of Jarzynski and Olano, JCGT 9(3), 2020."""
+    """Four random words from four words: pcg4d of Jarzynski and Olano, JCGT 9(3), 2020."""
     words = (np.atleast_1d(np.asarray(v, np.uint32)) for v in (x, y, z, w))
     spread = np.broadcast_arrays(*words)
     a, b, c, d = (v * np.uint32(1664525) + np.uint32(1013904223) for v in spread)
@@ -39,7 +39,10 @@ def triangle_keys(uv: NDArray[np.float64]) -> Words:
 
 
 def normals(key: Words, salt: int, seed: int) -> NDArray[np.float32]:
-    """(N,) normal deviates, after Box and Muller."""
+    """(N,) normal deviates, after Box and Muller.
+
+    key (N,): a word each.  salt: another number for each purpose.  seed: of the graph.
+    """
     one, two, _, _ = random4(key, salt, seed, 0)
     radius = np.sqrt(np.float32(-2.0) * np.log(_unit_interval(one)))
     deviates: NDArray[np.float32] = radius * np.cos(np.float32(2.0 * np.pi) * _unit_interval(two))
@@ -47,7 +50,7 @@ def normals(key: Words, salt: int, seed: int) -> NDArray[np.float32]:
 
 
 def _unit_interval(word: Words) -> NDArray[np.float32]:
-    """In (0, 1)."""
+    """(N,) numbers in (0, 1) from random words (N,)."""
     found: NDArray[np.float32] = (word >> np.uint32(9)).astype(np.float32)
     found += np.float32(0.5)
     found *= np.float32(2.0**-23)

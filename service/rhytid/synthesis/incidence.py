@@ -24,7 +24,7 @@ class Incidence:
     """Lists over N things of P pairs, on the device.
 
     offsets (N + 1,): where the list of each thing starts.  pairs, others (2P,): the numbers of its
-    pairs, ascending, and who is the other in each.
+    pairs, ascending, and the other thing in each.
     """
 
     entries: int
@@ -34,7 +34,7 @@ class Incidence:
 
     @classmethod
     def of(cls, work: Workspace, members: Buffer, pairs: int, things: int) -> Incidence:
-        """Lists of pairs, members (P, 2) int32, of so many things."""
+        """The lists of so many things.  members (P, 2) int32: the two things of each pair."""
         entries = 2 * pairs
         degree = work.full(things, np.int32(0))
         work.run("incidence", "count_pairs", entries, members, degree)
@@ -49,7 +49,7 @@ class Incidence:
 
 
 def starts_of(counts: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(N + 1,) where each of lists of these lengths (N,) starts, and where the last ends."""
+    """(N + 1,) where each list starts, and where the last one ends.  counts (N,): their lengths."""
     starts = np.zeros(len(counts) + 1, np.int32)
     np.cumsum(counts, out=starts[1:])
     return starts
@@ -63,10 +63,11 @@ def until_decided(
     arguments: tuple[Any, ...],
     states: int,
 ) -> Buffer:
-    """Run the rounds of a kernel, whose last arguments are (before, after, waiting), to the end.
+    """Run a kernel round after round until nothing waits.
 
-    Answers the states (states,) uint8: KEPT or DROPPED of all that the kernel goes over. Takes
-    O(log count) rounds where priorities are random.
+    The last arguments of the kernel are (before, after, waiting). Returns the states (states,)
+    uint8, on the device: KEPT or DROPPED for all that the kernel goes over. It takes O(log count)
+    rounds where priorities are random.
     """
     before, after = (work.full(states, np.uint8(WAITING)) for _ in range(2))
     while True:
@@ -83,9 +84,9 @@ def until_decided(
 def independent_set(
     work: Workspace, key: NDArray[np.float32], pairs: NDArray[np.int32]
 ) -> NDArray[np.bool_]:
-    """(count,) true for the things that a greedy pass in the order of (key, number) keeps.
+    """(count,) whether a greedy pass in the order of (key, number) keeps each thing.
 
-    key: (count,).  pairs: (P, 2) conflicts, in any order. The answer is that of the sequential loop
+    key: (count,).  pairs: (P, 2) conflicts, in any order. The result is that of the sequential loop
     "keep a thing unless an earlier kept one conflicts with it".
     """
     with work.nested() as nested:

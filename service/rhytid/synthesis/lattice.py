@@ -33,7 +33,7 @@ class Lattice:
 
     @classmethod
     def around(cls, *points: NDArray[np.floating]) -> Lattice:
-        """The finest that holds all points of arrays (N, 3)."""
+        """The finest lattice that holds all points of arrays (N, 3)."""
         low = np.min([p.min(axis=0) for p in points], axis=0).astype(np.float64)
         high = np.max([p.max(axis=0) for p in points], axis=0)
         extent = max(float((high - low).max()), 1e-30)
@@ -43,10 +43,11 @@ class Lattice:
     def absolute(
         cls, length: float, low: NDArray[np.float64], high: NDArray[np.float64]
     ) -> Lattice:
-        """One for `length`, that does not hang on what it holds, from `low` (3,) to `high` (3,).
+        """A lattice for `length` that holds everything from `low` (3,) to `high` (3,).
 
-        Its middle is the origin of coordinates, from which it reaches 2¹³ lengths. What
-        reaches further moves it, and what is larger makes its steps coarser.
+        Its middle is the origin of coordinates, from which it reaches 2¹³ lengths, so that it does
+        not depend on the points. It is moved where they reach further, and its steps are coarser
+        where they do not fit.
         """
         unit = length * 2.0**-_FINE
         half = 2.0 ** (_STEPS - 1) - 1.0
@@ -57,11 +58,11 @@ class Lattice:
         return cls(np.floor(low / (_BLOCK * unit)) * _BLOCK * unit, unit)
 
     def places(self, positions: NDArray[np.floating]) -> NDArray[np.int32]:
-        """(..., 3) whole steps from the origin."""
+        """(..., 3) positions as whole steps from the origin."""
         return np.rint((positions - self.origin) / self.unit).astype(np.int32)
 
     def positions(self, places: NDArray[np.int32]) -> NDArray[np.float64]:
-        """(..., 3) where places are."""
+        """(..., 3) the positions of places."""
         found: NDArray[np.float64] = self.origin + self.unit * places
         return found
 
@@ -71,9 +72,10 @@ class Lattice:
 
 
 def spatial_order(places: NDArray[np.int32]) -> NDArray[np.intp]:
-    """(N,) an order in which neighbours (N, 3) are near each other: along Morton's curve.
+    """(N,) the order of places (N, 3) along Morton's curve, in which neighbours are near each
+    other.
 
-    Which of two places comes first hangs on these alone.
+    Which of two places comes first depends on these two alone.
     """
     code = np.zeros(len(places), np.uint64)
     for axis in range(3):
@@ -89,7 +91,10 @@ def spatial_order(places: NDArray[np.int32]) -> NDArray[np.intp]:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Lists of point numbers.  cell: side in steps of the lattice.  mask: of list numbers."""
+    """Lists, by cell, of the numbers of points.
+
+    cell: side of a cell in steps of the lattice.  mask: of the numbers of lists.
+    """
 
     cell: int
     mask: np.uint32
@@ -98,22 +103,22 @@ class Grid:
 
     @classmethod
     def empty(cls, work: Workspace, cell: int, points: int, numbers: int | None = None) -> Grid:
-        """Lists for about so many points, none in yet; their numbers are below `numbers`."""
+        """Empty lists for about so many points, whose numbers are below `numbers`."""
         lists = 1 << max(points, 64).bit_length()
         head = work.full(lists, np.int32(-1))
         return cls(cell, np.uint32(lists - 1), head, work.empty(numbers or points, np.int32))
 
     @property
     def arguments(self) -> tuple[Any, ...]:
-        """As kernels take it."""
+        """The arguments of kernels that read the lists."""
         return self.cell, self.mask, self.head, self.next
 
     def insert(self, work: Workspace, place: Buffer, start: int, count: int) -> None:
-        """Put in points start to start + count of their places."""
+        """Insert points `start` to `start + count` at their places."""
         work.run("grid", "insert_range", count, start, place, *self.arguments)
 
     def insert_listed(self, work: Workspace, place: Buffer, listed: Buffer, count: int) -> None:
-        """Put in the first `count` points of a list of numbers."""
+        """Insert the first `count` points of a list of numbers."""
         work.run("grid", "insert_points", count, listed, place, *self.arguments)
 
 
@@ -141,7 +146,7 @@ class DevicePoints:
 
     @property
     def points(self) -> tuple[Any, ...]:
-        """Places and normals as kernels take them."""
+        """Places and normals, as arguments of kernels."""
         return self.place, self.normal
 
 

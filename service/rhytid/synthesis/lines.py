@@ -40,15 +40,15 @@ NOTHING = -1
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """W stored lines and the S nodes that some of them need beyond a border.
+    """W stored lines, and the S nodes that some of them need beyond a border.
 
-    edge (W,): the candidate that each draws.  pores (W, 2): that it joins.  nodes (W, 2): pores,
-    then the nodes beyond from number N on.  step (W, 2): from the first node to the second in UV.
-    triangle (W,): the triangle to sample.  copy_of (W,): ORIGINAL, or of the second half of a
-    wrinkle that is cut at a seam the line that is the first.
-    owner (S,): the pore on whose chart each node beyond belongs.  stands_for (S,): the pore whose
-    place it takes.  beyond (S, 2): its uv.  turn (S, 2, 2): steps there in UV, from those in the
-    chart of that pore.
+    edge (W,): the candidate edge that each line draws.  pores (W, 2): that it joins.  nodes (W, 2):
+    that it ends at, pores first, then the nodes beyond a border from number N on.  step (W, 2):
+    from the first node to the second in UV.  triangle (W,): that it samples.  copy_of (W,):
+    ORIGINAL; or for the second half of a wrinkle that is cut at a seam, the line that is the first.
+    owner (S,): the pore whose chart each node beyond a border lies on.  stands_for (S,): the pore
+    whose place the node takes.  beyond (S, 2): uv of the node.  turn (S, 2, 2): from steps in the
+    chart of the pore that the node stands for to steps in UV at the node.
     """
 
     edge: Indices
@@ -66,7 +66,10 @@ class Lines:
 def draw(
     ground: Ground, net: CandidateGraph, borders: Borders, edge: Indices, spacing: float
 ) -> Lines:
-    """Put edges (W,) of a net into the map: one across a seam on the chart with its middle."""
+    """The lines of edges (E,) of a net. A line across a seam lies on the chart with its middle.
+
+    spacing: of pores on even skin, in units of the surface.
+    """
     joined, pores = net.edges.nodes[edge], net.pores
     triangle = net.edges.middle[edge]
     split = np.flatnonzero(triangle == BORDER)
@@ -100,8 +103,8 @@ def draw(
 
 
 def _turned_to_middle(ground: Ground, pores: Points, nodes: Indices, split: IntArray) -> Halves:
-    """The longer halves of wrinkles across a seam; nodes (W, 2) of these are turned in place to
-    start with them."""
+    """The longer halves of wrinkles across a seam. Their nodes (W, 2) are turned in place, so that
+    each starts with its longer half."""
     there = halves(ground.surface, ground.across, pores, nodes[split])
     back = halves(ground.surface, ground.across, pores, nodes[split, ::-1])
     turned = back.share > there.share
@@ -117,8 +120,8 @@ def _turned_to_middle(ground: Ground, pores: Points, nodes: Indices, split: IntA
 def _laid_flat(
     ground: Ground, pores: Points, borders: Borders, nodes: Indices, half: Halves
 ) -> tuple[FloatArray, BoolArray, FloatArray]:
-    """(S, 2) UV steps to where the second pore is with the two triangles at the seam laid flat,
-    (S,) where that can be said, and (S, 2, 2) how steps at that pore turn with them."""
+    """(S, 2) UV steps to the second pore with the two triangles at the seam laid flat, (S,) whether
+    that step is known, and (S, 2, 2) how steps at that pore turn with the triangles."""
     surface, (owner, other) = ground.surface, nodes.T
     row = borders.row[half.last, _side_at(surface.uv[half.last], half.exit_uv)]
     mate = np.where(row == NONE, NONE, borders.mate[row])
@@ -137,7 +140,7 @@ def _laid_flat(
 
 
 def _side_at(corners: FloatArray, uv: FloatArray) -> IntArray:
-    """(S,) the side of triangles (S, 3, 2) that goes through points (S, 2) on their rims."""
+    """(S,) the side of each triangle (S, 3, 2) that goes through a point (S, 2) on its rim."""
     start, stop = corners[:, SIDES[:, 0]], corners[:, SIDES[:, 1]]
     along = stop - start
     off = np.abs(cross(along, uv[:, None] - start)) / np.linalg.norm(along, axis=-1)
@@ -157,7 +160,7 @@ def _over_the_border(ground: Ground, pores: Points, nodes: Indices, spacing: flo
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """Of W stored lines at their first node and at their second, as in WrinkleGraph."""
+    """Values of W stored lines at their first node and at their second, as in WrinkleGraph."""
 
     slopes: Singles
     weights: Singles
@@ -165,7 +168,7 @@ class Ends:
     partners: Indices
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """By their names in a graph."""
+        """The arrays by their names in a graph."""
         return {
             "edge_slopes": self.slopes,
             "edge_end_weights": self.weights,
@@ -182,11 +185,11 @@ def ends_of(
     half_width: Singles,
     width: Singles,
 ) -> Ends:
-    """How the stored lines go on at their ends.
+    """The values of the stored lines at their ends, and the lines that continue them there.
 
-    weight, half_width (W,): of each line.  width (W,): half width on the surface.  A line that goes
-    on has at its pore the means of both; one that ends on others, or alone, has less; at a seam
-    it goes straight over to its other half.
+    weight, half_width (W,): of each line.  width (W,): half width on the surface. Where a line
+    continues another, both have the means of the two at their common pore. A line that ends on
+    others, or alone, has less there. At a seam a line goes straight over to its other half.
     """
     wholes = _WholeWrinkles.of(lines)
     partner, slope = _paired(ground, pores, lines, wholes, weight)
@@ -210,7 +213,8 @@ def ends_of(
 
 
 def _at_ends(values: Singles, partners: Indices, k: int) -> Singles:
-    """(W, 2): the mean with the partner's, or k-th of the shares of the own."""
+    """(W, 2) values at ends: the mean of a line and its partner; without a partner, share `k` of
+    the line's own."""
     found = np.empty(partners.shape, np.float32)
     for rows in row_blocks(len(values)):
         own, other = values[rows, None], partners[rows]
@@ -222,11 +226,11 @@ def _at_ends(values: Singles, partners: Indices, k: int) -> Singles:
 
 @dataclass(frozen=True, eq=False)
 class _WholeWrinkles:
-    """V wrinkles, whatever is stored of them.
+    """V whole wrinkles, each stored as one line or as two halves.
 
-    row (V, 2): the stored line that has the pore at each end, the same twice but of two halves.
-    place (V, 2): which end of that line it is.  nodes (V, 2): the pores.  out (V, 2, 2): UV steps
-    away from either pore, on the chart of the line.
+    row (V, 2): the stored line at either pore, twice the same unless there are two halves.
+    place (V, 2): which end of that line the pore is.  nodes (V, 2): the pores.  out (V, 2, 2): UV
+    steps away from either pore, on the chart of the line.
     """
 
     row: Indices
@@ -249,7 +253,8 @@ class _WholeWrinkles:
 def _paired(
     ground: Ground, pores: Points, lines: Lines, wholes: _WholeWrinkles, weight: Singles
 ) -> tuple[Indices, Singles]:
-    """(V, 2) ends, counted over all wrinkles, that continue those of each, and (V, 2) slopes."""
+    """(V, 2) the end that continues each end, counted over all wrinkles, and (V, 2) slopes
+    there."""
     count, nodes = len(wholes.nodes), wholes.nodes
     way = np.empty((count, 3), np.float32)
     for rows in row_blocks(count):
@@ -271,9 +276,9 @@ def _paired(
 def _charts(
     ground: Ground, pores: Points, lines: Lines, wholes: _WholeWrinkles
 ) -> tuple[Indices, Singles]:
-    """(V, 2) for each end a row of (R, 2, 3), from steps in space at its pore to the UV of the
-    chart that its line is stored on: of the triangle of the pore, turned over the seam where that
-    is in another chart."""
+    """(V, 2) for each end a row of the second result, (R, 2, 3): matrices from steps in space at
+    its pore to the UV of the chart that its line is stored on. A matrix is that of the pore's
+    triangle, turned over the seam where the line is stored on another chart."""
     to_uv = np.linalg.pinv(ground.surface.jacobian)
     triangle = pores.triangle[wholes.nodes].astype(np.int32)
     whole = np.flatnonzero(wholes.row[:, 0] == wholes.row[:, 1])

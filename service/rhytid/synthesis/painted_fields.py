@@ -1,4 +1,4 @@
-"""Skin as settings, painted maps and folds want it: the fields of synthesis from these."""
+"""The fields of synthesis as settings, painted maps and folds have them."""
 
 from __future__ import annotations
 
@@ -63,9 +63,9 @@ class PaintedFields(Fields):
     """Fields from the settings, the regions, the maps and the folds of a surface.
 
     Factors of a setting, of the region, of a map and of folds are multiplied; painted values
-    override folds, the more the farther they are from mid grey. Where pores are closer, all that is
-    drawn is as much smaller, and shallower. `density` of the settings is not a field: it makes for
-    more wrinkles everywhere.
+    override folds, the more the farther they are from mid grey. Where pores are closer, lines and
+    pores are as much smaller and shallower. `density` of the settings is not a field: it makes more
+    wrinkles everywhere.
     """
 
     def __init__(
@@ -109,38 +109,39 @@ class PaintedFields(Fields):
         return found
 
     def bare(self, triangle: NDArray[Any], uv: NDArray[Any]) -> NDArray[np.bool_]:
-        """Where the density map is darker than a quarter of white."""
+        """Whether the density map asks for less than BARE of the usual density."""
         if not self.some_bare:
             return super().bare(triangle, uv)
         found: NDArray[np.bool_] = density_of(self._maps["density"].at(triangle, uv)) < BARE
         return found
 
     def strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """Black is nothing, white is double."""
+        """Factor of the weight of wrinkles; painted black is nothing, white is double."""
         factor = self._linear("strength", triangle, uv)
         factor *= np.minimum(self.spacing(triangle, uv), np.float32(1.0))
         return factor
 
     def pore_strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """As that of wrinkles but for folds, times what the region says of its pores."""
+        """Factor of the weight of pores: that of wrinkles without folds, times that of the
+        region."""
         factor = self._linear("strength", triangle, uv, folded=False)
         factor *= np.minimum(self.spacing(triangle, uv), np.float32(1.0))
         factor *= self._region("pore_strength", triangle, uv)
         return factor
 
     def contrast(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """As age makes it of the regions."""
+        """Power of the weight of wrinkles: of the regions, by age."""
         return self._region("contrast", triangle, uv)
 
     def primary(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """As folds wear them."""
+        """Factor of the strength of primary lines: that of the folds."""
         if self._folds is None:
             return super().primary(triangle, uv)
         return self._folds.factor("primary", triangle, uv)
 
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """Folds, and before them painted directions, take the place of the preferred lines and of
-        what a region turns these by."""
+        """Radians to the left from the level direction. Painted directions, then folds, take the
+        place of the preferred direction and of the turn of a region."""
         found = np.radians(self._region("turn", triangle, uv))
         if self._folds is not None:
             found = self._folds.blended_with(found, triangle, uv)
@@ -153,7 +154,7 @@ class PaintedFields(Fields):
         return found
 
     def bend(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """Folds and painted directions are kept to more closely."""
+        """Factor of how far lines wind: less about folds and painted directions."""
         factor = self._region("bend", triangle, uv)
         if self._folds is not None:
             certainty = self._folds.factor("certainty", triangle, uv)
@@ -164,26 +165,28 @@ class PaintedFields(Fields):
         return factor
 
     def anisotropy(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """Black is none, white is double, 2 the most. Where a direction is painted it is double, so
-        that the second family of lines joins it: the mean would lie between the two."""
+        """How far walkers follow directions: painted black is none, white is double, 2 is the most.
+        Where a direction is painted it is doubled, so that the second family of lines joins it: the
+        mean would lie between the two."""
         found = self._linear("anisotropy", triangle, uv)
         if self._directions is not None:
             found *= 1.0 + np.float32(_PAINTED_HOLD) * self._directions.certainty(triangle, uv)
         return found.clip(0.0, 2.0)
 
     def width(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """From a quarter to four times, and as the spacing; with age more where skin folds."""
+        """Factor of the width of wrinkles: painted a quarter to four times, and as the spacing.
+        With age it is larger where skin folds."""
         factor = self._sized("scale", triangle, uv)
         if self._folds is not None and self._settings.age != USUAL_AGE:
             factor *= self._folds.factor("width", triangle, uv)
         return factor
 
     def pore_radius(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """From a quarter to four times, and as the spacing."""
+        """Factor of the radius of pores: painted a quarter to four times, and as the spacing."""
         return self._sized("pore_radius", triangle, uv)
 
     def grain(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """As age makes it of the regions; nothing is painted of it."""
+        """Factor of the micro relief: of the regions, by age. No map changes it."""
         return self._region("grain", triangle, uv)
 
     def _linear(
@@ -213,9 +216,9 @@ class PaintedFields(Fields):
         return factor
 
     def _region(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """A factor (or the turn, degrees) of the regions, mixed as they are painted: factors by
-        their logarithms. What painted masks leave those of folds take, and what these leave is the
-        region of the settings."""
+        """A factor (or the turn, degrees) of the regions, mixed by their masks: factors by their
+        logarithms. Painted masks count first, then those of folds; the rest is the region of the
+        settings."""
         base = _value(self._skin[self._settings.region], name)
         if not self._regions and not self._masks:
             # As an array, so that it is rounded as where a mask of black is painted.
@@ -236,7 +239,7 @@ class PaintedFields(Fields):
         return np.asarray(_meant(mixed, name), np.float32)
 
     def _mixed(self, name: str, base: float) -> Planes:
-        """What `_value` is of the masks of the folds at a place, and of what they leave."""
+        """`_value` mixed by the masks of the folds; `base` where these leave something."""
         assert self._folds is not None
         if name not in self._planes:
             values = {region: _value(self._skin[region], name) for region in self._masks}
@@ -278,9 +281,9 @@ def _meant(value: Any, name: str) -> Any:
 
 
 class PaintedDirections:
-    """Axes by UDIM: grey g > 0 is the angle πg in UV, counterclockwise; black is none.
+    """Painted axes by UDIM: grey g > 0 is the angle πg in UV, counterclockwise; black is none.
 
-    Between texels cosine and sine of twice the angle, 0 where there is none, are interpolated.
+    Between texels, cosine and sine of twice the angle are interpolated; both are 0 for black.
     """
 
     def __init__(self, surface: Surface, maps: Mapping[int, Map]) -> None:
@@ -290,13 +293,13 @@ class PaintedDirections:
         )
 
     def certainty(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """(N,) 1 where there is one, 0 where there is none, between them where it fades."""
+        """(N,) 1 where a direction is painted, 0 where none is, between the two where it fades."""
         found: Factors = np.minimum(np.hypot(*self._axis(triangle, uv)), np.float32(1.0))
         return found
 
     def blended_with(self, other: Factors, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """(N,) radians to the left from the level direction to the painted one; where it fades, to
-        a mean with `other`, both as axes."""
+        """(N,) radians to the left from the level direction to the painted one; where that fades,
+        to its mean with `other` (N,), both taken as axes."""
         cosine, sine = self._axis(triangle, uv)
         there = np.flatnonzero((cosine != 0) | (sine != 0))
         angle = 0.5 * np.arctan2(sine, cosine)[there].astype(np.float64)
@@ -312,7 +315,7 @@ class PaintedDirections:
         return cosine, self._sine.at(triangle, uv, neutral=0.0)
 
     def _turn(self, angle: FloatArray, triangle: NDArray[Any], uv: NDArray[Any]) -> FloatArray:
-        """Of angles in UV, on the surface."""
+        """(N,) angles in UV as radians to the left of the level direction on the surface."""
         way = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         along = self._surface.along(triangle, way)
         normal = normals_at(self._surface, triangle, uv)
@@ -340,9 +343,9 @@ def _axis_part(part: Any, texels: Map) -> Shares:
 class PaintedMaps:
     """The maps of one control by UDIM.
 
-    least, most: of all values, those of UDIMs without a map too.  detail: the UV length of the
-    smallest texel.  meaning: of texels, shares unless it is given; maps stay as they are, for in
-    float32 they may take four times the memory.
+    least, most: of all values, those of UDIMs without a map among them.  detail: the UV length of
+    the smallest texel.  meaning: from texels to values, `shares` unless it is given; it is applied
+    at look-up, for in float32 maps may take four times the memory.
     """
 
     def __init__(
@@ -358,7 +361,7 @@ class PaintedMaps:
         self.detail = min((1.0 / max(map.shape) for map in maps.values()), default=float("inf"))
 
     def at(self, triangle: NDArray[Any], uv: NDArray[Any], neutral: float = _MIDDLE) -> Shares:
-        """(N,) at uv (N, 2) in their triangles; `neutral` where the UDIM has no map."""
+        """(N,) values at uv (N, 2) in triangles (N,); `neutral` where the UDIM has no map."""
         found = np.full(len(triangle), neutral, np.float32)
         for rows in row_blocks(len(triangle)):
             corner = self._corners(triangle[rows], uv[rows])

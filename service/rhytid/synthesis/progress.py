@@ -16,7 +16,7 @@ def silent(fraction: float, stage: str) -> None:
 
 
 def part(progress: Progress, low: float, high: float) -> Progress:
-    """Progress from 0 to 1 of a part that runs from `low` to `high` of the whole."""
+    """The progress, from 0 to 1, of a part that runs from `low` to `high` of the whole."""
 
     def report(fraction: float, stage: str) -> None:
         progress(low + (high - low) * fraction, stage)
@@ -25,7 +25,7 @@ def part(progress: Progress, low: float, high: float) -> Progress:
 
 
 def rising(progress: Progress) -> Progress:
-    """Passes reports on, none below the one before."""
+    """A progress that passes reports on to another, none below the one before."""
     reached = 0.0
 
     def report(fraction: float, stage: str) -> None:
@@ -37,7 +37,8 @@ def rising(progress: Progress) -> Progress:
 
 
 def clocked(progress: Progress) -> tuple[Progress, dict[str, float]]:
-    """Passes reports on, and the seconds of each stage by its name, filled as they go by."""
+    """A progress that passes reports on to another, and the seconds of each stage by its name,
+    which fill as reports come."""
     seconds: dict[str, float] = {}
     last: list[tuple[str, float]] = []
 
@@ -53,7 +54,8 @@ def clocked(progress: Progress) -> tuple[Progress, dict[str, float]]:
 
 
 def row_blocks(count: int) -> Iterator[slice]:
-    """The rows 0 to count, ROWS at a time, unless the work is to stop."""
+    """The rows 0 to `count`, ROWS at a time. Raises what `stopping.check` does, before each
+    block."""
     for first in range(0, count, ROWS):
         cancellation.check()
         yield slice(first, min(first + ROWS, count))

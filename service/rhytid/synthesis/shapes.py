@@ -38,14 +38,17 @@ _LENGTH, _TILT = 3, 4
 
 
 def edge_weights(strength: Floats, mean: float) -> Singles:
-    """(E,) weights in (0, 1): few strong, many weak.  mean: of all strengths on even skin."""
+    """(E,) weights in (0, 1) from strengths (E,): few strong, many weak.
+
+    mean: of the strengths of drawn edges on even skin.
+    """
     worn = strength / (strength + HALF * mean)
     weights: Singles = (FAINTEST + (STRONGEST - FAINTEST) * worn**CONTRAST).astype(np.float32)
     return weights
 
 
 def widths(weight: Floats, spacing: float) -> Singles:
-    """(E,) half widths on the surface: the stronger the wider."""
+    """(E,) half widths on the surface, in units of `spacing`'s: the larger the weight the wider."""
     half: Singles = ((NARROW + (WIDE - NARROW) * weight) * spacing).astype(np.float32)
     return half
 
@@ -68,7 +71,7 @@ def half_widths_uv(surface: Surface, triangle: Triangles, step: Floats, width: F
 def pore_sizes(position: FloatArray, key: Words, seed: int) -> Singles:
     """(N,) radii in PORE_SIZE spacings: log-normal, with regions of larger and of smaller pores.
 
-    position (N, 3): in spacings.  key (N,): a word of each pore.
+    position (N, 3): in spacings.  key (N,): a random word of each pore.
     """
     noise = SmoothNoise(REGION, np.random.default_rng([seed, _SIZE]))
     deviation = np.float32(REGION_VARIATION) * noise.at(position)
@@ -85,11 +88,12 @@ def pore_weights(
     key: Words,
     seed: int,
 ) -> Singles:
-    """(N,) strengths in (0, 1]: deep where strong wrinkles meet, and where the pore is large.
+    """(N,) weights of pores in (0, 1]: high where strong wrinkles meet, and where the pore is
+    large.
 
-    nodes (E, 2), weight (E,): the wrinkles; nodes from N on are no pores.  usual: sum of the
-    weights that meet at a pore of even skin.
-    sizes (N,): the radii of the pores, over that which is usual.  key (N,): a word of each.
+    nodes (E, 2), weight (E,): of the wrinkles; nodes from N on are no pores.  usual: sum of the
+    weights that meet at a pore of even skin.  sizes (N,): radii of the pores over the usual radius.
+    key (N,): a random word of each pore.
     """
     count = len(sizes)
     total = sum(np.bincount(end, weights=weight, minlength=count)[:count] for end in nodes.T)
@@ -109,11 +113,11 @@ def pore_axes(
     key: Words,
     seed: int,
 ) -> tuple[Doubles, Doubles]:
-    """Angles (N,) of the long axes of pores, and how many times as long as wide they are (N,).
+    """Angles (N,) of the long axes of pores, and their ratios (N,) of length to width.
 
-    Angles are in the tangent plane, from ∂X/∂u towards ∂X/∂v. triangle, key (N,): the triangle of
-    each pore, and a word.  nodes, step (E, 2), weight (E,): the wrinkles; those that end at a node
-    from N on, beyond a border, do not count.
+    Angles are in the tangent plane, from ∂X/∂u towards ∂X/∂v.  triangle, key (N,): the triangle and
+    a random word of each pore.  nodes, step (E, 2), weight (E,): of the wrinkles; a wrinkle that
+    ends at a node from N on, beyond a border, does not count.
     """
     count = len(triangle)
     whole = (nodes < count).all(axis=1)
@@ -142,10 +146,9 @@ def pore_ellipses(
 ) -> tuple[Singles, Singles]:
     """UV metrics (N, 3) and UV radii (N,) of pores that are ellipses on the surface.
 
-    angle, longer (N,): as of `pore_axes`; as large as circles of `radius` (N,). With the map B from
-    steps in UV to the tangent plane and the ellipse E there, the rim |E B d| = 1 is
-    dᵀ(BᵀEᵀE B)d = 1. The circle of the same area in UV is the radius. No pore reaches as far as 1
-    in UV.
+    angle, longer (N,): the results of `pore_axes`.  radius (N,): of circles as large. With the map
+    B from steps in UV to the tangent plane and the ellipse E there, the rim |E B d| = 1 is dᵀ(BᵀEᵀE
+    B)d = 1. The circle of the same area in UV is the radius. No pore reaches as far as 1 in UV.
     """
     metric, circle = np.empty((len(radius), 3), np.float32), np.empty(len(radius), np.float32)
     frames = _frames(surface)
@@ -168,8 +171,8 @@ def pore_ellipses(
 
 
 def _frames(surface: Surface) -> Doubles:
-    """(F, 3) of each triangle (a, b, d): a step (u, v) in UV is (a u + b v, d v) on the surface, in
-    axes along ∂X/∂u and square to it."""
+    """(F, 3) numbers (a, b, d) of each triangle: a step (u, v) in UV is (a u + b v, d v) on the
+    surface, in axes along ∂X/∂u and square to it."""
     u, v = surface.jacobian.transpose(2, 0, 1)
     length = np.linalg.norm(u, axis=-1)
     per_length = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)

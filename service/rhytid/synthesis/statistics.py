@@ -28,19 +28,19 @@ _FIRST = 2.0
 
 
 def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any]:
-    """Plain values for JSON.
+    """Figures of a graph, as plain values for JSON.
 
-    pores, wrinkles: as many as the graph holds, without copies at UV seams.  drawn_pores,
-    drawn_wrinkles: those of them that have a strength above 0.  copied_pores, copied_wrinkles: how
+    pores, wrinkles: how many the graph holds, without copies at UV seams.  drawn_pores,
+    drawn_wrinkles: how many of these have a strength above 0.  copied_pores, copied_wrinkles: how
     many copies there are.  seam_wrinkles: how many wrinkles join pores on two sides of a seam.
 
-    Of what is drawn, each pore and wrinkle once:
-    distance: mean and deviation of that from a pore to the nearest on the surface, mesh
-    units.  length: the same of wrinkles.  degree: wrinkles at a pore, mean, and how many pores
-    have 0, 1, 2 … of them.  crossings: pairs of wrinkles that cross, per wrinkle.
-    strengths: wrinkles by weight, in tenths from 0 to 1.
-    angles: wrinkles by their angle on the surface to the level around the vertical axis, which
-    synthesis prefers, in tens of degrees from 0 to 90.  angle_strengths: the mean weight of each.
+    The others are of what is drawn, each pore and wrinkle once. distance: mean and deviation of the
+    distance from a pore to the nearest on the surface, mesh units.  length: mean and deviation of
+    the length of wrinkles, mesh units.  degree: wrinkles at a pore, mean, and how many pores have
+    0, 1, 2 … of them.  crossings: pairs of wrinkles that cross, per wrinkle. strengths: wrinkles by
+    weight, in tenths from 0 to 1. angles: wrinkles by their angle on the surface to the level
+    around the vertical axis, which synthesis prefers, in tens of degrees from 0 to 90.
+    angle_strengths: the mean weight of each.
 
     Nodes on no triangle (-1) are left out. Raises GraphError where the graph does not say on which
     triangles its pores lie.
@@ -70,7 +70,8 @@ def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any
 
 
 def mean_spacing(work: Workspace, pores: Points) -> tuple[float, float]:
-    """Mean and deviation of the distance to the nearest pore of a sheet; 0 where none has one."""
+    """Mean and deviation of the distance from a pore to the nearest on its sheet; both 0 where no
+    pore has another."""
     distance = nearest_distances(work, pores)
     found = distance[np.isfinite(distance)].astype(np.float64)
     return (float(found.mean()), float(found.std())) if len(found) else (0.0, 0.0)
@@ -95,7 +96,8 @@ def nearest_distances(work: Workspace, pores: Points) -> NDArray[np.float32]:
 def _within(
     work: Workspace, pores: Points, asked: NDArray[np.int32], cell: float
 ) -> NDArray[np.float32]:
-    """(K,) distances of those asked to their nearest within a cell, infinity else."""
+    """(K,) distances of pores `asked` (K,) to the nearest, infinity where it is farther than
+    `cell`."""
     cloud = DevicePoints.of(work, pores, cell)
     nearest2 = work.empty(len(asked), np.float32)
     work.run(
@@ -109,9 +111,9 @@ def _within(
 
 @dataclass(frozen=True, eq=False)
 class _Net:
-    """What is drawn. points (N,): the nodes on the surface.  pores (N,): those with a strength.
-    Of wrinkles nodes (W, 2), step (W, 3), length (W,), weight (W,).  seams: how many of them
-    join pores on two sides of a UV seam."""
+    """The drawn part of a graph.  points (N,): the nodes on the surface.  pores (N,): those with a
+    strength. Of wrinkles nodes (W, 2), step (W, 3), length (W,), weight (W,).  seams: how many of
+    them join pores on two sides of a UV seam."""
 
     points: Points
     pores: BoolArray
@@ -142,7 +144,7 @@ def _net(mesh: Mesh, surface: Surface, graph: WrinkleGraph) -> _Net:
 
 
 def _points(surface: Surface, graph: WrinkleGraph, nodes: IntArray) -> Points:
-    """Some nodes on the surface, with the normals of their triangles."""
+    """The points of nodes on the surface, with the normals of their triangles."""
     assert graph.node_triangle is not None
     triangle = graph.node_triangle[nodes].astype(np.int64)
     uv = graph.node_uv[nodes].astype(np.float64)
@@ -163,7 +165,8 @@ def _degrees(net: _Net) -> dict[str, Any]:
 
 
 def _angles(net: _Net) -> dict[str, Any]:
-    """In the tangent plane of the first node, mirrored into 0 to 90 degrees."""
+    """Angles of wrinkles to the level direction, in the tangent plane of the first node, mirrored
+    into 0 to 90 degrees: counts and mean weights by tens of degrees."""
     count, total = np.zeros(ANGLES, np.int64), np.zeros(ANGLES)
     for rows in row_blocks(len(net.nodes)):
         step = net.step[rows]

@@ -37,7 +37,7 @@ _NEIGHBOURS = 8
 class Points:
     """Points on a surface: triangle (N,), uv (N, 2), position (N, 3), unit normal (N, 3).
 
-    Pores have int32, float32, float64 and float32.
+    Of pores these are int32, float32, float64 and float32.
     """
 
     triangle: NDArray[np.integer]
@@ -59,7 +59,7 @@ class Points:
 class Surface:
     """A mesh scaled by a power of two, so that the part which carries pores has area 1/2 to 2.
 
-    What a part of the mesh gives does not hang on the others: a power of two rounds nothing.
+    A power of two rounds nothing, so that no part of the mesh changes with the others.
 
     corners (F, 3, 3), normals (F, 3, 3) of the corners, uv (F, 3, 2).
     jacobian (F, 3, 2): dX/d(u, v); zero where the triangle has no area in space or in UV.
@@ -83,7 +83,7 @@ class Surface:
 
     @classmethod
     def of(cls, mesh: Mesh) -> Surface:
-        """Measure a mesh in float64; raises MeshError where no triangle can carry a pore."""
+        """Measure a mesh in float64. Raises MeshError where no triangle can carry a pore."""
         positions = mesh.positions.astype(np.float64)
         corners, uv = positions[mesh.faces], mesh.triangle_uv()
         area = 0.5 * np.linalg.norm(_facing(corners), axis=-1)

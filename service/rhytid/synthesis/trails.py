@@ -34,10 +34,10 @@ _TAKEN = 0.98
 
 @dataclass(frozen=True)
 class Family:
-    """Walkers of one kind.
+    """One kind of walkers.
 
-    angle: of their lines against the preferred direction.  share: of all walkers.
-    deposit: of one step, a whole number.
+    angle: between their lines and the preferred direction, radians.  share: of all walkers.
+    deposit: that each step leaves on its edge, a whole number.
     """
 
     angle: float
@@ -47,12 +47,12 @@ class Family:
 
 @dataclass(frozen=True)
 class Walks:
-    """How walkers walk.
+    """How far and how often walkers walk.
 
-    A round carries what is worn in one place as far as a walk goes: many walkers, few rounds and
-    short walks keep what is painted where it is.
+    A round carries wear as far as a walk goes: with many walkers, few rounds and short walks the
+    effect of what is painted stays near it.
 
-    rounds: after each, what was left is worn in.  steps: of a walk.  walkers: per pore and round.
+    rounds: after each, the deposits are worn in.  steps: of a walk.  walkers: per pore and round.
     keep: the share of its strength that an edge keeps from one round to the next.  draw: a trail
     draws walkers by (UNWORN + strength)^draw.
     """
@@ -85,7 +85,8 @@ def wear(
     walks: Walks,
     progress: Progress,
 ) -> NDArray[np.float32]:
-    """(E,) strength of each edge, never 0; the mean is near 1 on even skin.
+    """Let walkers wear trails into edges: (E,) the strength of each, never 0, on even skin near 1
+    in the mean.
 
     crossings: (P, 2) pairs of edges that cross.  degree: edges per pore of even skin.
     """
@@ -135,9 +136,10 @@ class Paths:
         lattice: Lattice,
         length: float,
     ) -> Paths:
-        """Lay out the edges; `along`, `left` (N, 3) is the frame of each pore.
+        """The ways of edges on the device.
 
-        lattice: of the places of pores.  length: of edges on even skin, typically.
+        along, left (N, 3): the frame of each pore.  anisotropy (N,): how far walkers keep to it.
+        lattice: of the places of pores.  length: mean of edges on even skin.
         """
         ways = Incidence.of(work, work.upload(edges.nodes), len(edges), len(pores))
         place = work.upload(lattice.places(pores.position))
@@ -157,8 +159,11 @@ class Paths:
 
 @dataclass(frozen=True, eq=False)
 class _Trails:
-    """What changes while walkers walk: strength (E,) float32, deposit (E,) int32, and the pull of
-    edges and the appeal of ways out that follow from the strength.  gain: strength of a deposit."""
+    """The state of trails while walkers walk: strength (E,) float32, deposit (E,) int32, and the
+    pull of edges and the appeal of ways out, which follow from the strength.
+
+    gain: strength of a deposit.
+    """
 
     work: Workspace
     paths: Paths
@@ -192,7 +197,7 @@ class _Trails:
         return cls(work, paths, found, np.uint32(seed), walks, gain, *trails)
 
     def round(self, number: int, progress: Progress) -> None:
-        """All families walk, and what they leave is worn in."""
+        """All families walk, and their deposits are worn in."""
         self._run(
             "pull_of_edges", self.paths.edges, UNWORN, self.walks.draw, WORN, SHY, self.strength,
             self.crossings.offsets, self.crossings.others, self.pull,

@@ -26,7 +26,7 @@ def directly(task: Callable[..., T], *arguments: Any, **named: Any) -> T:
 
 
 class Workspace:
-    """Buffers and launches of a `with` block; what the block made is released at its end.
+    """Buffers and launches of a `with` block, which releases at its end all buffers made in it.
 
     call: runs each single step in a task of the device, so that others may use it in between.
     """
@@ -36,7 +36,7 @@ class Workspace:
         self._buffers: list[Buffer] = []
 
     def nested(self) -> Workspace:
-        """Another workspace on the same device, for a part of the work."""
+        """A workspace on the same device for a part of the work, with buffers of its own."""
         return Workspace(self._device, self._call)
 
     def __enter__(self) -> Workspace:
@@ -78,8 +78,9 @@ class Workspace:
     ) -> None:
         """Launch a kernel over `count` work-items whose first arguments are (first, count).
 
-        Plain ints go as int32 and floats as float32. How it is cut into blocks may not matter to
-        the kernel.  report: called with the share that is done after each block, and may raise.
+        Plain ints are passed as int32 and floats as float32. The launch is cut into blocks, on
+        which the result of the kernel may not depend.  report: called after each block with the
+        share that is done; may raise.
         """
         self._device.programs.kernel(
             program, kernel, defines or {}

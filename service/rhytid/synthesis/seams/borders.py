@@ -20,13 +20,13 @@ NONE = -1
 class Borders:
     """K sides of triangles at which a chart ends, and the sides that they meet on the surface.
 
-    triangle (K,), side (K,): of which triangle, from which corner on.  mate (K,): the row of the
-    side across the seam, NONE where the surface ends or nothing can be drawn on one of the two.
-    ends (K, 2, 2): uv of both ends.  across (K, 2, 2): uv of the same two places on the mate.
-    flat, beyond (K, 2, 2): UV vectors of this chart, and of that of the mate, to the plane in which
-    both triangles are laid flat about the side.
-    length (K,): on the surface.  following (K,): the side that goes on where this one ends, on
-    both sides of the seam, or NONE.
+    triangle (K,), side (K,): the triangle, and the corner that the side begins at.  mate (K,): the
+    row of the side across the seam; NONE where the surface ends, or one of both triangles carries
+    nothing.  ends (K, 2, 2): uv of both ends.  across (K, 2, 2): uv of the same two places on the
+    mate.  flat, beyond (K, 2, 2): from UV vectors of this chart, and of the chart of the mate, to
+    the plane in which both triangles are laid flat about the side.
+    length (K,): on the surface.  following (K,): the side that begins where this one ends, on both
+    sides of the seam, or NONE.
     chart (F,): the chart of every triangle.  row (F, 3): the row of each side, or NONE.
     """
 
@@ -73,13 +73,13 @@ class Borders:
         )  # fmt: skip
 
     def from_mate(self, row: IntArray, uv: FloatArray) -> FloatArray:
-        """(N, 2) where points (N, 2) of the chart across the side `row` (N,) lie in its own."""
+        """(N, 2) places in the chart of side `row` (N,), from uv (N, 2) in the chart across it."""
         offset = np.einsum("nij,nj->ni", self.turn_from_mate(row), uv - self.across[row, 0])
         here: FloatArray = self.ends[row, 0] + offset
         return here
 
     def turn_from_mate(self, row: IntArray) -> FloatArray:
-        """(N, 2, 2) the same of steps."""
+        """(N, 2, 2) from steps in the chart across side `row` (N,) to steps in its own."""
         turn: FloatArray = np.linalg.inv(self.flat[row]) @ self.beyond[row]
         return turn
 
@@ -136,7 +136,7 @@ def _normal(along: FloatArray) -> FloatArray:
 
 
 def _forms(surface: Surface, numbers: IntArray, ends: IntArray) -> FloatArray:
-    """(K, 2, 2) what JᵀJ is around corners (K, 2): the mean of its logarithm by area."""
+    """(K, 2, 2) the mean of JᵀJ around corners `ends` (K, 2): of its logarithm, by area."""
     asked, where = np.unique(ends, return_inverse=True)
     near = np.flatnonzero(surface.carries & np.isin(numbers, asked).any(axis=1))
     jacobian = surface.jacobian[near]
@@ -157,7 +157,8 @@ def _forms(surface: Surface, numbers: IntArray, ends: IntArray) -> FloatArray:
 
 
 def _following(numbers: IntArray, facing: IntArray, met: BoolArray) -> IntArray:
-    """(K,) see Borders.  numbers (K, 2): of the corners at both ends, in UV and on the mesh."""
+    """(K,) `following` of Borders.  numbers (K, 2): of the corners at both ends, by vertex and
+    UV."""
     start = np.stack([numbers[:, 0], numbers[facing, 1]], axis=1)
     stop = np.stack([numbers[:, 1], numbers[facing, 0]], axis=1)
     _, key = np.unique(np.concatenate([start, stop]), axis=0, return_inverse=True)

@@ -25,7 +25,7 @@ GAP = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Traces:
-    """Where straight UV segments end that start inside a triangle and stay on connected ones.
+    """The ends of straight UV segments that start inside a triangle and stay on connected ones.
 
     end (N,): the triangle of the last point.  middle (N,): the triangle of the midpoint, BORDER
     where the line ends before it.  share (N,): how much of the line lies on the chart, 1 = all.
@@ -82,7 +82,10 @@ def trace(
     origin: FloatArray,
     step: FloatArray,
 ) -> Traces:
-    """Follow the segments from UV `origin` (N, 2), inside triangle `start`, by `step` (N, 2)."""
+    """Follow UV segments from `origin` (N, 2), inside triangles `start` (N,), by `step` (N, 2).
+
+    across: (F, 3) neighbours of the triangles.
+    """
     end, middle = start.astype(np.int64), np.full(len(start), BORDER, np.int64)
     share, length = np.zeros(len(start)), np.zeros(len(start))
     came_from = np.full(len(start), BORDER, np.int64)
@@ -174,7 +177,7 @@ class Halves:
 def halves(
     surface: Surface, across: Triangles, pores: Points, nodes: NDArray[np.integer]
 ) -> Halves:
-    """Head from pores nodes[:, 0] for nodes[:, 1] in the tangent plane, up to the border."""
+    """The way from pores nodes[:, 0] towards nodes[:, 1] in the tangent plane, up to the border."""
     one, two = nodes.T
     triangle, origin = pores.triangle[one], pores.uv[one].astype(np.float64)
     ahead = pores.position[two] - pores.position[one]

@@ -234,6 +234,6 @@ def full(metric: NDArray[np.float32]) -> FloatArray:
 
 
 def flat(metric: FloatArray) -> NDArray[np.float32]:
-    """(N, 3) as a graph has them of metrics (N, 2, 2)."""
+    """(N, 3) metrics as a graph has them, from metrics (N, 2, 2)."""
     three: NDArray[np.float32] = metric.reshape(-1, 4)[:, [0, 1, 3]].astype(np.float32)
     return three

@@ -1,4 +1,4 @@
-"""What pores and wrinkles cover of UV, and where they lie in other charts."""
+"""The regions of UV that pores and wrinkles cover, and their placements in other charts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Floats = NDArray[np.floating]
 
 @dataclass(frozen=True, eq=False)
 class Footprints:
-    """What E elements, pores and wrinkles, cover of UV.
+    """The regions of UV that E elements, pores and wrinkles, cover.
 
     start, step (E, 2): the segment in UV; the step of a pore is 0.  root (E, 2, 2): the rim is
     where |root·d| = 1.  chart (E,): that each element lies on.  widest (E,): how many times as
