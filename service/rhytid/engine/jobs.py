@@ -16,8 +16,6 @@ from rhytid.engine.job import Job
 from rhytid.engine.messages import JobInfo
 from rhytid.errors import BusyError, NotFoundError
 
-# Kinds of jobs by priority, highest first.
-KINDS = JOB_KINDS
 # Kinds that wait for a shared store, and keep neither the device nor other jobs of their asset.
 TRANSFERS = ("fetch", "push")
 # A new job of these kinds replaces those of the same asset that still wait.
@@ -259,7 +257,7 @@ class Jobs:
     def _note(self) -> None:
         """Count how many jobs of each kind wait and run."""
         queued = Counter(one.job.info.kind for one in self._queue)
-        for kind in KINDS:
+        for kind in JOB_KINDS:
             self._figures.set(queued[kind], "jobs", kind, "queued")
             self._figures.set(self._running[kind], "jobs", kind, "running")
 
@@ -307,4 +305,4 @@ class Jobs:
 
 
 def _rank(job: Job) -> int:
-    return KINDS.index(job.info.kind)
+    return JOB_KINDS.index(job.info.kind)  # the highest first

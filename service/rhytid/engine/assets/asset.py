@@ -197,7 +197,7 @@ class Asset:
     def resident(self) -> DeviceAsset | None:
         """Its parts on the device, or None where they are not loaded."""
         resident = self.on_device
-        return None if resident is None or resident.mesh.kept.released else resident
+        return None if resident is None or resident.mesh.cache.released else resident
 
     def frame(self, name: str) -> Frame:
         """A stored frame; raises NotFoundError, and what `check_ready` raises."""
