@@ -77,7 +77,7 @@ LANES = (
     Lane("rhytid-transfers", lambda queued: queued.transfers, transfers=True),
     Lane("rhytid-fetches", lambda queued: queued.kind == "fetch", transfers=True),
 )
-# Threads that do what does not transfer, without the spare one.
+# How many threads take jobs that do not transfer, without the spare one.
 _USUAL = len(LANES) - len([lane for lane in LANES if lane.spare or lane.transfers])
 
 
@@ -103,7 +103,7 @@ class Jobs:
         self._figures = figures or Figures()
         self._jobs: OrderedDict[str, Job] = OrderedDict()
         self._queue: list[Queued] = []
-        # What is at work, and where.
+        # The jobs at work by turn, and the lanes that do them.
         self._at_work: dict[tuple[str, bool], tuple[Lane, Queued]] = {}
         # When callers were last given a thread, as a number that grows.
         self._served: dict[str, int] = {}
@@ -296,7 +296,7 @@ class Jobs:
                     self._note_served(queued.caller)
                     self._running[queued.job.info.kind] += 1
                     self._note()
-                    # The spare lane may be free for what waits now.
+                    # The spare lane may now take a job that waits.
                     self._changed.notify_all()
                     return queued
                 if self._closed and (lane.spare or not any(map(lane.takes, self._queue))):

@@ -68,7 +68,7 @@ class Asset:
     centre: Centre = field(default_factory=lambda: ORIGIN)
     # Reads its mesh; None for an asset of which only the failure is known.
     mesh: Callable[[], Mesh] | None = None
-    # What `uv_length` is, once that was found.
+    # The value of `uv_length`, once it was measured.
     measured_uv: float | None = None
     # The number of wrinkles it will have.
     expected_wrinkles: int = MOST_WRINKLES
@@ -76,7 +76,7 @@ class Asset:
     used: float = field(default_factory=time.monotonic)
     # Held while its state, its settings or its files change, or it is brought to the device.
     lock: threading.RLock = field(default_factory=threading.RLock)
-    # Held while something of it is made step by step that tasks lack.
+    # Held while work that its tasks deferred is done in steps.
     making: threading.Lock = field(default_factory=threading.Lock)
 
     @classmethod

@@ -1,4 +1,4 @@
-"""What is computed of the frames of an asset: their stretch, what follows from it for wrinkles and
+"""Arrays computed from the frames of an asset: their stretch, what follows from it for wrinkles and
 triangles, and grain."""
 
 from __future__ import annotations

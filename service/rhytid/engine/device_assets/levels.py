@@ -68,8 +68,8 @@ class DeviceLevels:
     def squares(
         self, frame: Frame, query: MapQuery, udim: int, level: int, places: Sequence[Square]
     ) -> dict[Square, Tile]:
-        """Those of some squares of a level that are kept, and the first that is not, which is
-        drawn; other tasks run before the next one is. Each square lies inside one piece."""
+        """Of some squares of a level, each inside one piece: the kept ones, and the first that is
+        not kept, which is drawn. Other tasks run before the next one is drawn."""
         found, drawn = {}, False
         for square in places:
             tile = self._kept(frame, query, udim, level, square)

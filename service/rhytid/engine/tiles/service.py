@@ -183,7 +183,8 @@ def _measured(query: MapQuery, draw: Callable[..., Tile], *arguments: Any) -> Ca
 
 
 def displacement_scale(asset: Asset) -> float:
-    """What the largest code of a png tile stands for, mesh units: one scale per asset.
+    """The displacement that the largest code of a png tile stands for, mesh units: one scale per
+    asset.
 
     The largest displacement that the maps of the fast method can hold, whatever its bins are.
     """
