@@ -19,7 +19,7 @@ from rhytid.engine.assets.asset import Asset, AssetRegistry
 from rhytid.engine.assets.on_device import DeviceAssets
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import Frame
-from rhytid.engine.keys import map_key, settings_key
+from rhytid.engine.keys import map_key
 from rhytid.engine.messages import MapQuery, Tile, TilePlan
 from rhytid.engine.tiles.batcher import TileBatcher
 from rhytid.engine.tiles.maps import MapDrawing
@@ -63,7 +63,7 @@ class TileService:
         side, place = found.check_address(address), str(address)
         stored = found.frame(frame)
         return TilePlan(
-            self._key(found, stored, query, place),
+            map_key(asset, found.settings, self._drawn_by, stored, query, place),
             _header(found, frame, query, address),
             side,
             _measured(query, self._tile, found, stored, query, address, side),
@@ -77,7 +77,7 @@ class TileService:
         stored, whole = found.frame(frame), (0, 0, found.settings.grid.side(level))
         place = f"{udim}/{level}"
         return TilePlan(
-            self._key(found, stored, query, place),
+            map_key(asset, found.settings, self._drawn_by, stored, query, place),
             _header(found, frame, query, first),
             whole[2],
             _measured(query, self._maps.square, found, stored, query, udim, level, whole),
@@ -107,7 +107,7 @@ class TileService:
         frame = Frame.of(check_positions(positions, found.vertices))
         return [
             TilePlan(
-                self._key(found, frame, query, str(address)),
+                map_key(asset, found.settings, self._drawn_by, frame, query, str(address)),
                 _header(found, "", query, address),
                 side,
                 _measured(query, self._tile, found, frame, query, address, side),
@@ -148,14 +148,11 @@ class TileService:
             found, lambda resident: resident.bins.layer_codes(address, layer, bin, sample)
         )
 
-    def _key(self, asset: Asset, frame: Frame, query: MapQuery, place: str) -> str:
-        revision = settings_key(asset.id, asset.settings, self._drawn_by, query.method)
-        return map_key(revision, frame, query, place)
-
     def _key_now(self, asset: str, frame: str, query: MapQuery, place: str) -> str:
         """The key that a place has now; raises what `plan` does."""
         found = self._assets.get(asset)
-        return self._key(found, found.frame(frame), query, place)
+        stored = found.frame(frame)
+        return map_key(asset, found.settings, self._drawn_by, stored, query, place)
 
     def _tile(
         self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress, side: int
