@@ -70,7 +70,7 @@ def heavy(engine: Engine) -> str:
     """An asset of one tile of 16 blocks, of which nothing is kept on the device."""
     asset = built(engine, new_asset(tile_size=256))
     resident = engine._on_device.loaded(engine.assets._assets.get(asset))
-    engine._on_device.run(resident.mesh.kept.clear)
+    engine._on_device.run(resident.mesh.cache.clear)
     return asset
 
 

@@ -65,6 +65,7 @@ def test_a_block_that_fails_gives_back_what_it_made(device: Device, worker: Devi
         with device.in_steps(whole(device, worker)):
             kept = [device.upload(np.zeros(100, np.float32)), device.empty(100, np.float32)]
             kept.append(device.full(100, np.float32(1.0)))
+            kept.append(device.step(lambda: device.empty(100, np.float32)))
             raise ValueError("half-way")
 
     with pytest.raises(ValueError, match="half-way"):

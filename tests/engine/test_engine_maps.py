@@ -127,7 +127,7 @@ def test_convolved_drawn_in_pieces_is_the_same_bits(made, monkeypatch, sampling)
 
     plain = tiles()
     made.engine._on_device.run(
-        made.engine._on_device.loaded(made.engine.assets._assets.get(made.asset)).mesh.kept.clear
+        made.engine._on_device.loaded(made.engine.assets._assets.get(made.asset)).mesh.cache.clear
     )
     monkeypatch.setitem(levels._PIECE, "convolved", 64)
     assert same(tiles(), plain)

@@ -149,7 +149,7 @@ def test_what_is_kept_stays_whole_when_its_caller_leaves_then(
 
     with running(tmp_path) as engine:
         found = engine.assets._assets.get(built(engine, new_asset()))
-        engine._on_device.run(found.on_device.mesh.kept.clear)
+        engine._on_device.run(found.on_device.mesh.cache.clear)
         monkeypatch.setattr(part, "_keep", noted)
         with abandoned_when(lambda: bool(kept)), pytest.raises(CancelledError):
             engine._on_device._make(found, lacks)

@@ -242,7 +242,7 @@ def test_another_asset_is_drawn_between_any_two_steps(
     """Whenever the other asset asks, it waits for one step of the heavy one."""
     light = built(engine, new_asset(seed=2))
     heavy = built(engine, new_asset(**HEAVY))
-    engine._on_device.run(engine._on_device.loaded(_asset(engine, heavy)).mesh.kept.clear)
+    engine._on_device.run(engine._on_device.loaded(_asset(engine, heavy)).mesh.cache.clear)
     draw(engine, light, "neutral", REDRAW, WHOLE)
     turns = _turns(engine, monkeypatch)
     with ThreadPoolExecutor(2) as pool:

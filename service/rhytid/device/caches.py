@@ -16,10 +16,10 @@ from pathlib import Path
 
 from rhytid.support.temporary_folders import removed_at_exit
 
-# What is made there by PoCL and by pyopencl: one of another owner is as bad as none.
+# Folders that PoCL and pyopencl make there: one of another owner is as bad as none.
 _MADE = ("pocl/kcache", "pyopencl", "pytools")
-# What pyopencl holds while it reads or writes a program: for milliseconds. A process that is killed
-# meanwhile leaves it, and every compilation of this user would wait for it for a minute.
+# The lock that pyopencl holds, for milliseconds, while it reads or writes a program. A process that
+# is killed meanwhile leaves it, and every compilation of this user would wait for it for a minute.
 _LOCKS = "pyopencl/pyopencl-compiler-cache-*/lock"
 # Seconds after which one that did not change is of a process that is gone, and between two looks.
 _HELD, _LOOK = 1.0, 0.02

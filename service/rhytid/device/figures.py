@@ -20,12 +20,13 @@ T = TypeVar("T")
 NANOSECONDS = 1_000_000_000
 # Where the time of a request or a job goes, in the order of its way.
 STAGES = ("upload", "decode", "queue", "kernel", "read_back", "encode")
-# What it is spent for: tiles and maps by method, jobs, and everything else.
+# The work that the time is spent for: tiles and maps by method, jobs, and everything else.
 WORK = ("neutral", "redraw", "binned", "convolved", "job", "other")
 # Upper bounds of the histograms, in seconds.
 BOUNDS = (5e-4, 1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
-# What is dropped when the memory of the device is short.
+# Entries that are dropped when the memory of the device is short.
 DROPPED = ("asset", "bins", "finest", "other")
+# Kinds of jobs by priority, highest first; their states, and how they end.
 JOB_KINDS = ("frames", "build", "calibration", "bins", "package", "fetch", "push")
 JOB_STATES = ("queued", "running")
 JOB_ENDS = ("done", "failed", "cancelled")

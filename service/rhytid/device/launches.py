@@ -94,7 +94,7 @@ def launch_pieces(size: tuple[int, ...], largest_group: int) -> list[LaunchPiece
 
 # Work-items of a launch: the most, the least, and of a kernel that nobody has measured yet.
 MOST_ITEMS, LEAST_ITEMS, FIRST_ITEMS = 1 << 18, 1 << 10, 1 << 12
-# What a launch should take. Its items may be several times as much work as those before.
+# Seconds that a launch should take. Its items may be several times as much work as those before.
 LAUNCH_SECONDS = 0.025
 # From one launch to the next no more times as many: the first is slow while its kernel is compiled.
 _GROWTH = 8
@@ -122,10 +122,10 @@ class LaunchPacing:
         self._items[program, kernel] = max(size, LEAST_ITEMS)
 
 
-# What one launch, or one piece, of drawing should take.
+# Seconds that one launch, or one piece, of drawing should take.
 PIECE_SECONDS = 0.05
-# Work a second (see pipeline/work.py) that is taken for granted until something was measured: what
-# a processor with two cores does while it is busy with other things, too.
+# Work a second (see pipeline/work.py) that is assumed until it was measured: that of a processor
+# with two cores which is busy with other things, too.
 FIRST_WORK = 5e8
 # A pace is lowered where a piece takes so many times as long as it should, raised where the pace is
 # so many times as high, and else left, so that pieces stay the same from one frame to the next.

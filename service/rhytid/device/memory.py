@@ -17,7 +17,7 @@ CPU_SHARE, FRAME_SHARE, HOST_SHARE = 0.5, 0.1, 0.2
 LEAST_HOST = 512 << 20
 # If the system does not report it.
 _FALLBACK = 8 << 30
-# What a container may use, of either version of control groups.
+# Files that limit the memory of a container, of either version of control groups.
 _LIMITS = (
     Path("/sys/fs/cgroup/memory.max"),
     Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"),

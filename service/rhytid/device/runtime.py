@@ -51,15 +51,13 @@ class Steps:
         self._launches.append(launch)
 
     def step(self, task: Callable[[], Any]) -> Any:
-        """Run a task after all launches so far, and return its result."""
+        """Run a task after all launches so far, and return its result. A buffer that it returns
+        counts as made by it."""
         launches, self._launches = self._launches, []
-        return self._call(_in_order, [*self._checks, *launches], task)
-
-    def make(self, task: Callable[[], Any]) -> Any:
-        """As `step`, for a task that makes a buffer."""
-        buffer = self.step(task)
-        self._made.append(buffer)
-        return buffer
+        found = self._call(_in_order, [*self._checks, *launches], task)
+        if isinstance(found, Buffer):
+            self._made.append(found)
+        return found
 
     def hand_over(self) -> None:
         """Forget the buffers that were made so far: `give_back` leaves them alone."""
@@ -90,19 +88,6 @@ def _stepped(method: Method) -> Method:
         if steps is None:
             return method(self, *arguments, **named)
         return steps.step(partial(method, self, *arguments, **named))
-
-    return run  # type: ignore[return-value]
-
-
-def _making(method: Method) -> Method:
-    """As `_stepped`, for a method that makes a buffer."""
-
-    @wraps(method)
-    def run(self: Device, *arguments: Any, **named: Any) -> Any:
-        steps = self.steps
-        if steps is None:
-            return method(self, *arguments, **named)
-        return steps.make(partial(method, self, *arguments, **named))
 
     return run  # type: ignore[return-value]
 
@@ -163,7 +148,8 @@ class Device:
 
     @_stepped
     def step(self, task: Callable[[], T]) -> T:
-        """Run a task in a task of the device, after all launches so far, and return its result."""
+        """Run a task in a task of the device, after all launches so far, and return its result. A
+        buffer that it returns is given back where the block of `in_steps` fails."""
         return task()
 
     def hand_over(self) -> None:
@@ -200,18 +186,18 @@ class Device:
         names = key if isinstance(key, tuple) else ()
         self.figures.count("dropped", next((n for n in names[:2] if n in DROPPED), "other"))
 
-    @_making
+    @_stepped
     def upload(self, array: NDArray[Any]) -> Buffer:
         """A buffer with the bytes of `array`."""
         host = np.ascontiguousarray(array)
         return self._buffer(host.nbytes, host if host.nbytes else None)
 
-    @_making
+    @_stepped
     def empty(self, count: int, dtype: DTypeLike) -> Buffer:
         """A buffer for `count` values, not initialised."""
         return self._buffer(count * np.dtype(dtype).itemsize)
 
-    @_making
+    @_stepped
     def full(self, count: int, value: np.generic) -> Buffer:
         """A buffer of `count` times the value of a numpy scalar."""
         buffer = self._buffer(count * value.nbytes)

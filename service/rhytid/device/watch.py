@@ -1,4 +1,4 @@
-"""What the threads of the device do now, written to memory that another process reads.
+"""Reports what the threads of the device do now, in memory that another process reads.
 
 A call of an OpenCL driver cannot be cancelled, and a fault in one ends its process. The process
 that watches sees here when a call takes too long, and which request or job the driver worked for.
@@ -29,8 +29,8 @@ SIZE = 8 * (1 + _SLOTS * _SLOT)
 
 @dataclass(frozen=True)
 class Purpose:
-    """What the driver works for: a request by its number, or a job by the number of its asset; 0
-    for none."""
+    """The request, by its number, or the job, by the number of its asset, that the driver works
+    for; 0 for none."""
 
     request: int = 0
     asset: int = 0

@@ -1,1 +1,1 @@
-"""What the API and the command line call: assets on a device, a frame in, tiles out."""
+"""The calls of the API and the command line: assets on a device, a frame in, tiles out."""

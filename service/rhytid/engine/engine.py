@@ -63,7 +63,7 @@ class Engine:
         figures: Figures | None = None,
         only: Collection[str] | None = None,
     ) -> None:
-        # Before a device is opened: what is wrong with it is found at once.
+        # Before a device is opened, so that a shared store that cannot be used is found at once.
         shared = SharedStore.at(settings.shared_store) if settings.shared_store else None
         figures = figures or Figures()
         figures.begin()

@@ -113,7 +113,7 @@ class Job:
     def fail(self, error: BaseException) -> None:
         """End the job as failed; the log has the parts of the error that callers may not read."""
         public = public_message(error)
-        # Text alone: the error would keep what the work held in memory.
+        # Text alone: the error would keep the memory of the work from being freed.
         self.reason = str(error) if isinstance(error, RhytidError) else public
         if not isinstance(error, RhytidError):
             _log.error("job %s failed", self._info.id, exc_info=error)

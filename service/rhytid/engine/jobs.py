@@ -16,8 +16,6 @@ from rhytid.engine.job import Job
 from rhytid.engine.messages import JobInfo
 from rhytid.errors import BusyError, NotFoundError
 
-# Kinds of jobs by priority, highest first.
-KINDS = JOB_KINDS
 # Kinds that wait for a shared store, and keep neither the device nor other jobs of their asset.
 TRANSFERS = ("fetch", "push")
 # A new job of these kinds replaces those of the same asset that still wait.
@@ -79,7 +77,7 @@ LANES = (
     Lane("rhytid-transfers", lambda queued: queued.transfers, transfers=True),
     Lane("rhytid-fetches", lambda queued: queued.kind == "fetch", transfers=True),
 )
-# Threads that do what does not transfer, without the spare one.
+# How many threads take jobs that do not transfer, without the spare one.
 _USUAL = len(LANES) - len([lane for lane in LANES if lane.spare or lane.transfers])
 
 
@@ -105,7 +103,7 @@ class Jobs:
         self._figures = figures or Figures()
         self._jobs: OrderedDict[str, Job] = OrderedDict()
         self._queue: list[Queued] = []
-        # What is at work, and where.
+        # The jobs at work by turn, and the lanes that do them.
         self._at_work: dict[tuple[str, bool], tuple[Lane, Queued]] = {}
         # When callers were last given a thread, as a number that grows.
         self._served: dict[str, int] = {}
@@ -259,7 +257,7 @@ class Jobs:
     def _note(self) -> None:
         """Count how many jobs of each kind wait and run."""
         queued = Counter(one.job.info.kind for one in self._queue)
-        for kind in KINDS:
+        for kind in JOB_KINDS:
             self._figures.set(queued[kind], "jobs", kind, "queued")
             self._figures.set(self._running[kind], "jobs", kind, "running")
 
@@ -298,7 +296,7 @@ class Jobs:
                     self._note_served(queued.caller)
                     self._running[queued.job.info.kind] += 1
                     self._note()
-                    # The spare lane may be free for what waits now.
+                    # The spare lane may now take a job that waits.
                     self._changed.notify_all()
                     return queued
                 if self._closed and (lane.spare or not any(map(lane.takes, self._queue))):
@@ -307,4 +305,4 @@ class Jobs:
 
 
 def _rank(job: Job) -> int:
-    return KINDS.index(job.info.kind)
+    return JOB_KINDS.index(job.info.kind)  # the highest first

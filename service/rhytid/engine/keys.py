@@ -24,18 +24,24 @@ _UNREAD: dict[str, tuple[str, ...]] = {
 }
 
 
+def map_key(
+    asset: str, settings: AssetSettings, drawn_by: str, frame: Frame, query: MapQuery, place: str
+) -> str:
+    """Names a tile or a map of an asset with its present settings. The key of `neutral` is the same
+    in every frame.
+
+    drawn_by: the device and the version of the drawing.  place: the address in the asset.
+    """
+    digest = NEUTRAL_FRAME.digest if query.method == "neutral" else frame.digest
+    revision = _settings_key(asset, settings, drawn_by, query.method)
+    return _digest([revision, digest, query.method, query.stretch, query.sampling, place])
+
+
 @lru_cache(maxsize=256)
-def settings_key(asset: str, settings: AssetSettings, drawn_by: str, method: str) -> str:
-    """Names an asset with those of its present settings that a method reads.  drawn_by: the device
-    and the version of the drawing."""
+def _settings_key(asset: str, settings: AssetSettings, drawn_by: str, method: str) -> str:
+    """Names an asset with those of its present settings that a method reads."""
     read = {k: v for k, v in settings.drawn().items() if k not in _UNREAD[method]}
     return _digest([asset, read, drawn_by])
-
-
-def map_key(revision: str, frame: Frame, query: MapQuery, place: str) -> str:
-    """Names a tile or a map. The key of `neutral` is the same in every frame."""
-    digest = NEUTRAL_FRAME.digest if query.method == "neutral" else frame.digest
-    return _digest([revision, digest, query.method, query.stretch, query.sampling, place])
 
 
 def content_key(asset: str, files: Mapping[str, str], unit: str, lengths: Lengths) -> str:

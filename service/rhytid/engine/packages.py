@@ -109,7 +109,7 @@ class PackageService:
             if not making.job.wait(PATIENCE):
                 return making.job.info
             if (state := making.job.info.state) != "done":
-                found.check_known()  # what it failed with may follow from that
+                found.check_known()  # the asset may have been removed, which explains the error
                 raise making.error or CancelledError(f"the job of the package was {state}")
 
     def _request(self, asset: Asset, levels: int) -> _Request:

@@ -20,7 +20,7 @@ from rhytid.errors import BusyError
 T = TypeVar("T")
 # Seconds in which a device that computes answers, or ends a task.
 READY = 5.0
-# Of the device's time, what live connections have where others wait, too.
+# The share of the device's time that live connections have while other calls wait, too.
 LIVE_SHARE = 0.5
 _Task = tuple["Future[Any]", Callable[[], Any]]
 
@@ -192,7 +192,7 @@ class DeviceWorker:
             lane, item = taken
             began = self._clock()
             _perform(*item)
-            del item, taken  # while the thread waits, nobody holds what the task answered
+            del item, taken  # so that nobody holds the answer while this thread waits
             self._finished(lane, began)
 
     def _take(self) -> tuple[_Lane | None, _Task] | None:

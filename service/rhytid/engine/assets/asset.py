@@ -67,7 +67,7 @@ class Asset:
     centre: Centre = field(default_factory=lambda: ORIGIN)
     # Reads its mesh; None for an asset of which only the failure is known.
     mesh: Callable[[], Mesh] | None = None
-    # What `uv_length` is, once that was found.
+    # The value of `uv_length`, once it was measured.
     measured_uv: float | None = None
     # The number of wrinkles it will have.
     expected_wrinkles: int = MOST_WRINKLES
@@ -75,7 +75,7 @@ class Asset:
     used: float = field(default_factory=time.monotonic)
     # Held while its state, its settings or its files change, or it is brought to the device.
     lock: threading.RLock = field(default_factory=threading.RLock)
-    # Held while something of it is made step by step that tasks lack.
+    # Held while work that its tasks deferred is done in steps.
     making: threading.Lock = field(default_factory=threading.Lock)
 
     @classmethod
@@ -211,7 +211,7 @@ class Asset:
     def resident(self) -> DeviceAsset | None:
         """Its parts on the device, or None where they are not loaded."""
         resident = self.on_device
-        return None if resident is None or resident.mesh.kept.released else resident
+        return None if resident is None or resident.mesh.cache.released else resident
 
     def frame(self, frame: str | Frame) -> Frame:
         """A stored frame by its name, or one that is not stored, with its positions. Raises

@@ -53,7 +53,7 @@ class DeviceAsset:
         """Draw one block of level 1, so that no request waits for the kernels to compile."""
         for udim in self.mesh.udims[:1]:
             self.drawing.to_host(NEUTRAL_FRAME, MapQuery(), udim, 1, 0, 0, BLOCK // 2)
-        self.mesh.kept.clear()
+        self.mesh.cache.clear()
 
     def warm_up_stretch(self) -> None:
         """Compute and keep the coefficients that blend a frame, so that no request waits for the

@@ -53,12 +53,12 @@ class DeviceBins:
         lacking = [address for address in addresses if not self.has(address)]
         if self._base.bounded and sum(map(self._work, lacking)) > self._pace(addresses[0]).most:
             raise DeferredWork(bins=lacking)
-        keep = self._base.kept.keep
+        keep = self._base.cache.keep
         return [keep("bins", a, make=partial(self._make, a)) for a in addresses]
 
     def has(self, address: TileAddress) -> bool:
         """Whether the maps of a tile are there; they stay until the task ends."""
-        return self._base.kept.find("bins", address) is not None
+        return self._base.cache.find("bins", address) is not None
 
     def make(self, *addresses: TileAddress) -> None:
         """Make and keep the maps of tiles where they are not there; on a thread that uses the
@@ -71,7 +71,7 @@ class DeviceBins:
 
     def _keep(self, address: TileAddress, tile: BinTile) -> None:
         """Keep maps that were made in steps, unless there are others by now."""
-        if self._base.kept.keep("bins", address, make=lambda: tile) is not tile:
+        if self._base.cache.keep("bins", address, make=lambda: tile) is not tile:
             tile.release()
 
     def _work(self, address: TileAddress) -> float:

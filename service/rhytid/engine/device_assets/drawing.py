@@ -121,13 +121,13 @@ class DeviceNeutral:
             device.hand_over()
 
     def _find(self, query: MapQuery, udim: int, square: Square) -> NeutralTile | None:
-        return self._base.kept.find("neutral", query.sampling, udim, *square)
+        return self._base.cache.find("neutral", query.sampling, udim, *square)
 
     def _keep(self, query: MapQuery, udim: int, square: Square, made: NeutralTile) -> NeutralTile:
         """Keep a neutral square and return it; where there is another by now, release it and return
         that one."""
         key = ("neutral", query.sampling, udim, *square)
-        kept = self._base.kept.keep(*key, make=lambda: made)
+        kept = self._base.cache.keep(*key, make=lambda: made)
         if kept is not made:
             made.release()
         return kept

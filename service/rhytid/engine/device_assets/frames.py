@@ -1,4 +1,4 @@
-"""What is computed of the frames of an asset: their stretch, what follows from it for wrinkles and
+"""Arrays computed from the frames of an asset: their stretch, what follows from it for wrinkles and
 triangles, and grain."""
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class DeviceFrames:
         """Clamped log stretch and its axes, of each triangle."""
         base, response = self._base, self._base.settings.response
         limit, soft = response.log_stretch_limit, response.soft_limits
-        return base.kept.keep_of(
+        return base.cache.keep_of(
             frame, "stretch", model,
             make=lambda: base.stretch.run(
                 frame.positions, limit, model, base.settings.angles, soft
@@ -56,7 +56,7 @@ class DeviceFrames:
         """Log stretch interpolated over the surface, for `smooth` sampling."""
         base, response = self._base, self._base.settings.response
         limit, soft = response.log_stretch_limit, response.soft_limits
-        return base.kept.keep_of(
+        return base.cache.keep_of(
             frame, "fields", model,
             make=lambda: base.smooth.run(self.stretch(frame, model), limit, soft),
         )  # fmt: skip
@@ -72,12 +72,12 @@ class DeviceFrames:
                 return respond_smooth(device, elements, base.located[udim], settings, fields)
             return respond(device, elements, settings, self.stretch(frame, model))
 
-        return base.kept.keep_of(frame, "scales", udim, model, sampling, make=make)
+        return base.cache.keep_of(frame, "scales", udim, model, sampling, make=make)
 
     def coefficients(self, frame: Frame, model: str) -> Coefficients:
         """Coefficients of each triangle by which the fast method blends."""
         blend = self._base.blend
-        return self._base.kept.keep_of(
+        return self._base.cache.keep_of(
             frame, "coefficients", model,
             make=lambda: blend.coefficients(self.stretch(frame, model)),
         )  # fmt: skip
@@ -85,14 +85,14 @@ class DeviceFrames:
     def bin_stretches(self, frame: Frame, model: str) -> Buffer:
         """Stretch of each triangle across each bin, for texels with a stiffness of their own."""
         blend = self._base.blend
-        return self._base.kept.keep_of(
+        return self._base.cache.keep_of(
             frame, "stretches", model, make=lambda: blend.stretches(self.stretch(frame, model))
         )
 
     def kernels(self, frame: Frame, model: str) -> Buffer:
         """Kernels of each triangle by which `convolved` convolves."""
         base = self._base
-        return base.kept.keep_of(
+        return base.cache.keep_of(
             frame, "kernels", model,
             make=lambda: base.convolve.kernels(self.stretch(frame, model), base.settings),
         )  # fmt: skip
@@ -130,7 +130,7 @@ class DeviceGrain:
     def codes(self, udim: int, row: int, column: int) -> Buffer:
         """The codes of grain of the tile of level 0 with this first texel."""
         base, square = self._base, (row, column, self._base.tile_side)
-        return base.kept.keep(
+        return base.cache.keep(
             "grain", udim, row, column,
             make=lambda: grain_codes(
                 base.device, self._planes(), base.located[udim], base.settings, square
@@ -141,7 +141,7 @@ class DeviceGrain:
         base, model = self._base, query.stretch
         stretch = self._frames.stretch(frame, model)
         fields = self._frames.fields(frame, model) if query.sampling == "smooth" else None
-        gains = base.kept.keep_of(
+        gains = base.cache.keep_of(
             frame, "gains", model, make=lambda: grain_gains(base.device, base.settings, stretch)
         )
         return Grain(base.device, base.settings, base.located[udim], stretch, gains, fields)
@@ -150,10 +150,10 @@ class DeviceGrain:
         base, size = self._base, self._base.settings.shape.grain_size
         assert size is not None
         make = partial(GrainPlanes, base.device, base.mesh, size, base.grain_shares)
-        return base.kept.keep("planes", make=make)
+        return base.cache.keep("planes", make=make)
 
     def _place(self, udim: int, row: int, column: int) -> GrainPlace:
         base = self._base
         square, located = (row, column, base.tile_side), base.located[udim]
         make = partial(grain_place, base.device, located, base.settings, base.stiffness, square)
-        return base.kept.keep("grain place", udim, row, column, make=make)
+        return base.cache.keep("grain place", udim, row, column, make=make)

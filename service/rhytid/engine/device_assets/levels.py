@@ -68,8 +68,8 @@ class DeviceLevels:
     def squares(
         self, frame: Frame, query: MapQuery, udim: int, level: int, places: Sequence[Square]
     ) -> dict[Square, Tile]:
-        """Those of some squares of a level that are kept, and the first that is not, which is
-        drawn; other tasks run before the next one is. Each square lies inside one piece."""
+        """Of some squares of a level, each inside one piece: the kept ones, and the first that is
+        not kept, which is drawn. Other tasks run before the next one is drawn."""
         found, drawn = {}, False
         for square in places:
             tile = self._kept(frame, query, udim, level, square)
@@ -104,7 +104,7 @@ class DeviceLevels:
         """
         frame = _frame_of(frame, query)
         key = ("tail", *_names(query), udim)
-        levels: Levels | None = self._base.kept.find_of(frame, *key)
+        levels: Levels | None = self._base.cache.find_of(frame, *key)
         kept = levels is not None
         if levels is None:
             if finest is None or self._base.settings is not settings:
@@ -112,7 +112,7 @@ class DeviceLevels:
             levels = self._tail_of(finest)
             if self._keeps:
                 made, kept = levels, True
-                self._base.kept.keep_of(frame, *key, make=lambda: made)
+                self._base.cache.keep_of(frame, *key, make=lambda: made)
         n = level - self.tail
         tile = self._base.device.read_square(levels.buffers[n], levels.side >> n, *square)
         if not kept:
@@ -131,7 +131,7 @@ class DeviceLevels:
         if level == 0:
             return self._finest.cropped(frame, query, udim, place)
         piece = self._finest.piece_of(query, udim, place)
-        levels = self._base.kept.find_of(frame, "levels", *_names(query), udim, *piece)
+        levels = self._base.cache.find_of(frame, "levels", *_names(query), udim, *piece)
         return None if levels is None else self._of_levels(levels, level, square, piece)
 
     def _made(self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square) -> Tile:
@@ -140,7 +140,7 @@ class DeviceLevels:
         frame, place = _frame_of(frame, query), _finer(square, level)
         piece = self._finest.piece_of(query, udim, place)
         with self._finest.parts(frame, query, udim, piece) as parts:
-            levels = self._base.kept.keep_of(
+            levels = self._base.cache.keep_of(
                 frame, "levels", *_names(query), udim, *piece,
                 make=lambda: self._halved(parts, piece, self.tail),
             )  # fmt: skip
@@ -275,7 +275,7 @@ class DeviceFinest:
     def _find_finest(
         self, frame: Frame, query: MapQuery, udim: int, place: Square
     ) -> Buffer | None:
-        found: Buffer | None = self._base.kept.find(*_finest_key(frame, query, udim, place))
+        found: Buffer | None = self._base.cache.find(*_finest_key(frame, query, udim, place))
         return found
 
     def _keep_finest(
@@ -284,10 +284,10 @@ class DeviceFinest:
         key = _finest_key(frame, query, udim, place)
         if key[-1] != self._kept_frame:
             for old in self._kept_keys:
-                self._base.kept.discard(*old)
+                self._base.cache.discard(*old)
             self._kept_frame, self._kept_keys = key[-1], ()
         self._kept_keys += (key,)
-        self._base.kept.keep(*key, make=lambda: buffer)
+        self._base.cache.keep(*key, make=lambda: buffer)
 
     def _read(self, part: Part) -> Tile:
         found: Tile = self._base.device.read(part.buffer, (part.side, part.side), np.float32)

@@ -40,8 +40,6 @@ from rhytid.pipeline.waves import wrinkle_waves
 from rhytid.pipeline.work import Square
 
 Prepared = dict[int, tuple[WrinkleArrays, PoreArrays]]
-
-
 T = TypeVar("T", bound=Releasable)
 # Frames of an asset whose stretch, and what follows from it, stay on the device. A task uses two at
 # most, its frame and the neutral, so none is dropped in the task that uses it.
@@ -51,7 +49,7 @@ RECENT_FRAMES = 8
 class DeviceMesh:
     """A mesh, its wrinkles by UDIM, and the stages that work on them, which stay until `release`.
 
-    tile_side: texels per side of a tile of level 0.  kept: the cache of what is computed from them.
+    tile_side: texels per side of a tile of level 0.  cache: what is computed from them.
     bounded: whether a task defers work that takes long, by DeferredWork.
     """
 
@@ -78,7 +76,7 @@ class DeviceMesh:
         self.grain_shares: NDArray[np.float32] | None = None
         self.convolve = Convolve(device, mesh, stiffness)
         self.smooth_convolve = SmoothConvolve(device, mesh, self.smooth, stiffness)
-        self.kept = DeviceCache(device.budget)
+        self.cache = DeviceCache(device.budget)
         self.bounded = False
 
     @property
@@ -180,7 +178,7 @@ class DeviceMesh:
     def use(self, settings: AssetSettings) -> None:
         """Take settings that leave the elements as they are, and drop all that was computed with
         the old ones."""
-        self.kept.clear()
+        self.cache.clear()
         blend = Blend(self.device, settings, self.stretch.triangles)
         if self._blend is not None:
             self._blend.release()
@@ -188,7 +186,7 @@ class DeviceMesh:
 
     def release(self) -> None:
         """Free everything; later calls raise NotFoundError."""
-        self.kept.release()
+        self.cache.release()
         held = (self.stretch, self.smooth, self._blend, self.convolve)
         for part in (*held, *self.located.values(), *self.elements.values()):
             if part is not None:

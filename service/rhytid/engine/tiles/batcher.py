@@ -108,10 +108,10 @@ class TileBatcher:
         error."""
         try:
             self._worker.call(lambda: self._draw(key, batch), turn)
-        except BaseException as error:  # noqa: BLE001 handed to those who wait for it
+        except BaseException as error:  # noqa: BLE001 handed to the requests that wait for it
             self._close(key, batch)
             batch.fail(error)
-        finally:  # who waits has its future; else frames of an error and the error hold each other
+        finally:  # else frames of an error and the error hold each other
             batch.tiles.clear()
 
     def _close(self, key: Hashable, batch: _Batch) -> list[TileAddress]:

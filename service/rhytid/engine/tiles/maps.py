@@ -76,7 +76,7 @@ class MapDrawing:
                     del mine
             with suppress(CancelledError):
                 return self._joining(drawing)
-            call_context.check_abandoned()  # else whoever drew it was gone before this one joined
+            call_context.check_abandoned()  # else the one that drew was gone before this one joined
 
     def _draw(self, key: Hashable, mine: _Drawing, draw: Callable[[], Tile]) -> Tile:
         """Draw for all callers that join; stops where all of them are gone, and this caller too."""
@@ -135,7 +135,7 @@ class _Square:
         self, on_device: DeviceAssets, asset: Asset, frame: Frame, query: MapQuery, udim: int
     ) -> None:
         self._on_device, self._asset = on_device, asset
-        # The asset may be dropped meanwhile: only what follows from its settings is used.
+        # The asset may be dropped meanwhile: only facts that follow from its settings are used.
         self._resident = on_device.loaded(asset)
         self._settings = self._resident.mesh.settings
         self._query, self._about = query, (frame, query, udim)

@@ -17,6 +17,8 @@ from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import Frame
 from rhytid.engine.keys import map_key, settings_key
 from rhytid.engine.messages import DrawnTile, MapQuery, Tile, TileDescription, TilePlan
+from rhytid.engine.keys import map_key
+from rhytid.engine.messages import MapQuery, Tile, TilePlan
 from rhytid.engine.tiles.batcher import TileBatcher
 from rhytid.engine.tiles.maps import MapDrawing
 from rhytid.errors import NotFoundError
@@ -154,7 +156,8 @@ class TileService:
     def _key_now(self, asset: str, frame: str | Frame, query: MapQuery, place: str) -> str:
         """The key that a place has now; raises what `plan` does."""
         found = self._assets.get(asset)
-        return self._key(found, found.frame(frame), query, place)
+        stored = found.frame(frame)
+        return map_key(asset, found.settings, self._drawn_by, stored, query, place)
 
     def _tile(
         self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress, side: int
@@ -177,7 +180,8 @@ class TileService:
 
 
 def displacement_scale(asset: Asset) -> float:
-    """What the largest code of a png tile stands for, mesh units: one scale per asset.
+    """The displacement that the largest code of a png tile stands for, mesh units: one scale per
+    asset.
 
     The largest displacement that the maps of the fast method can hold, whatever its bins are.
     """
