@@ -155,7 +155,7 @@ class SharedAssets:
         raise CancelledError(f"fetching asset {id} was cancelled")
 
     def look_anew(self, id: str) -> None:
-        """What the shared store has of an asset may be another by now: it is looked for again."""
+        """Forget that an asset was not found in the shared store, or was damaged there."""
         if self._calls is not None:
             self._calls.forget(id)
 
