@@ -36,7 +36,6 @@ from rhytid.errors import (
 from rhytid.storage.homes import ID
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import Report
-from rhytid.storage.snapshot_index import SnapshotIndex
 
 # Seconds that a caller waits for an asset before it is told to ask again, and that a removal waits
 # for a transfer to end.
@@ -159,28 +158,28 @@ class SharedAssets:
         if self._calls is not None:
             self._calls.forget(id)
 
-    def newer(self, id: str) -> SnapshotIndex | None:
-        """As `StoreMirror.newer`; None where there is no shared store."""
-        return None if self._calls is None else self._calls.newer(id)
+    def follow(self, asset: Asset, use: Callable[[AssetSettings], None], *, replace: bool) -> bool:
+        """Give a ready asset, whose lock is held, what another machine has changed of it in the
+        shared store: its settings, by `use`. Where another file differs it is taken out, to be
+        fetched anew; False, and nothing is done, where that is not wanted (`replace`).
 
-    def take_newer(
-        self, asset: Asset, there: SnapshotIndex, use: Callable[[AssetSettings], None]
-    ) -> bool:
-        """Give an asset, whose lock is held, the settings that the shared store has of it; False
-        where more than they differ.  use: gives it settings."""
-        assert self._calls is not None
-        found = self._calls.newer_settings(there)
-        if found is None:
-            return False
-        settings, data = found
-        use(settings)
-        self._calls.mirror.take_settings(there, data)
-        return True
-
-    def take_out(self, asset: Asset) -> None:
-        """As `LocalCopies.take_out`."""
-        assert self._copies is not None
-        self._copies.take_out(asset)
+        Raises NotFoundError where the asset was removed there, and what the shared store raises.
+        """
+        if self._calls is None or self._copies is None:
+            return True
+        mirror = self._calls.mirror
+        with self._calls.watching(asset.id):
+            there = mirror.newer(asset.id)
+            if there is None:
+                return True
+            found = mirror.newer_settings(there)
+        if found is not None:
+            use(found[0])
+            mirror.take_settings(there, found[1])
+        elif replace:
+            self._jobs.cancel_all(asset.id)
+            self._copies.take_out(asset)
+        return found is not None or replace
 
     def leave(self, asset: Asset) -> bool:
         """As `LocalCopies.leave`, with its frames; never where there is no shared store."""
