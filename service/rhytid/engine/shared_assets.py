@@ -52,10 +52,12 @@ _log = logging.getLogger(__name__)
 
 @dataclass
 class _Transfer:
-    """The job that fetches or pushes an asset, and what it failed with."""
+    """The job that fetches or pushes an asset, the error that it failed with, and the newer push
+    that was begun in its place, if one was."""
 
     job: Job = field(init=False)
     error: BaseException | None = None
+    newer: _Transfer | None = None
 
     @contextmanager
     def failing(self) -> Iterator[None]:
@@ -95,6 +97,7 @@ class SharedAssets:
         self._jobs, self._copies, self._in_step = jobs, copies, in_step
         self._lock = threading.Lock()
         self._fetches: dict[str, _Transfer] = {}
+        self._pushes: dict[str, _Transfer] = {}
         self._retries = PushRetries(self.push)
 
     def open(self) -> None:
@@ -127,11 +130,13 @@ class SharedAssets:
         what the push fails with then."""
         if self._calls is None:
             return
-        pushing = self._pushing(self._calls, id)
-        if self._in_step:
+        pushing: _Transfer | None = self._pushing(self._calls, id)
+        while self._in_step and pushing is not None:
             while not pushing.job.wait(_LOOK):
                 stopping.check()
             pushing.check()
+            with self._lock:  # one that waits is cancelled for a newer one, which does the same
+                pushing = pushing.newer if pushing.job.info.state == "cancelled" else None
 
     def get(self, id: str) -> Asset:
         """An asset that was not here, fetched from the shared store.
@@ -222,8 +227,18 @@ class SharedAssets:
     def _pushing(self, calls: SharedCalls, id: str) -> _Transfer:
         pushing = _Transfer()
         work = partial(self._push, calls, id, pushing)
-        pushing.job = self._jobs.start("push", id, work, always=True)
+        with self._lock:
+            before, self._pushes[id] = self._pushes.get(id), pushing
+            if before is not None:
+                before.newer = pushing
+            pushing.job = self._jobs.start("push", id, work, always=True)
+        pushing.job.when_ended(partial(self._push_ended, id, pushing))
         return pushing
+
+    def _push_ended(self, id: str, pushing: _Transfer) -> None:
+        # Without the lock, which the thread has that cancels a push for a newer one.
+        if self._pushes.get(id) is pushing:
+            self._pushes.pop(id, None)
 
     def _push(self, calls: SharedCalls, id: str, pushing: _Transfer, job: Job) -> None:
         with pushing.failing():
