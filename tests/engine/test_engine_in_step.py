@@ -14,6 +14,7 @@ import pytest
 
 from engine.engines import REDRAW, built, draw, new_asset, rest, running
 from engine.test_engine_shared import FIRST, jobs
+from engine_process.served import await_value
 from meshes import deform
 from pipeline.scenes import sheet
 from rhytid.domain.expressions import Expressions
@@ -226,3 +227,47 @@ def test_two_machines_that_build_and_remove_at_once_agree(tmp_path: Path) -> Non
         [asset] = SharedStore.at(shared).ids()
         assert SharedStore.at(shared).holds(asset)
         assert follow(one, asset).manifest == follow(other, asset).manifest
+
+
+def test_a_change_waits_for_the_push_that_came_in_place_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A push that is tried again cancels the one that waits; it fails, and the change with it."""
+    shared = str(new_folder(tmp_path))
+    busy, going = threading.Event(), threading.Event()
+    push = SharedStore.push
+
+    def slowly(store: SharedStore, made: Any, report: Any, **named: Any) -> bool:
+        busy.set()
+        assert going.wait(60)
+        if made.index.asset == asset:
+            raise SharedStoreError("it is away")
+        return push(store, made, report, **named)
+
+    with running(tmp_path / "a", shared_store=shared, in_step=True) as engine:
+        other, asset = (built(engine, new_asset(seed=seed)) for seed in (1, 2))
+        monkeypatch.setattr(SharedStore, "push", slowly)
+        failed: list[BaseException] = []
+
+        def change() -> None:
+            try:
+                engine.assets.change(asset, {"depth": 0.5})
+            except SharedStoreError as error:
+                failed.append(error)
+
+        first = threading.Thread(target=lambda: engine.assets.change(other, {"depth": 0.5}))
+        first.start()
+        assert busy.wait(60), "the thread that pushes is at work"
+        changing = threading.Thread(target=change)
+        changing.start()
+        await_value(lambda: [job for job in engine.jobs.of(asset) if not job.ended])
+        again = engine.shared.push(asset)
+        changing.join(1)
+        assert changing.is_alive()
+        going.set()
+        changing.join(60)
+        first.join(60)
+        assert again is not None
+        assert again.info.state == "failed"
+        assert len(failed) == 1
+        assert engine.shared._pushes == {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -314,15 +315,21 @@ def test_an_error_of_the_engine_leaves_nothing_held(loaded: LoadedAssets, shared
 
 
 def test_a_shared_store_that_is_away_keeps_nobody_from_what_is_here(
-    loaded: LoadedAssets, shared: Shared, engine: Engine
+    loaded: LoadedAssets, shared: Shared, engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shared.there = dict.fromkeys(ASSETS, "one")
     use(loaded, ASSETS[0])
-    shared.away = True
-    use(loaded, ASSETS[0])
-    with pytest.raises(SharedStoreError):
-        use(loaded, ASSETS[1])
+    shared.away, looked = True, shared.looked
+    for _ in range(3):
+        use(loaded, ASSETS[0])
+        with pytest.raises(SharedStoreError):
+            use(loaded, ASSETS[1])
+    assert shared.looked == looked + 1, "a store that does not answer is not waited for each time"
+    with loaded.changing(ASSETS[0]):
+        loaded.see_changed(ASSETS[0])
     shared.away, shared.there[ASSETS[0]] = False, "two"
+    now = time.monotonic() + 3
+    monkeypatch.setattr("rhytid.engine.shared_calls.time.monotonic", lambda: now)
     use(loaded, ASSETS[0])
     assert engine.heard()[-1] == ("change", ASSETS[0], "two")
 

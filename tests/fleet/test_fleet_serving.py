@@ -258,7 +258,7 @@ def test_a_fleet_works_on_a_bucket(
             serving(engine) as client,
         ):
             names = await_value(lambda: len(found := replicas(engine)) == 2 and found)
-            asset = built(client, upload(obj(1.0)))
+            asset = built(client, upload(obj(91.0)))
             frame = f"/v1/assets/{asset}/frames/smile"
             client.put(frame, content=npy(smile()), headers=NPY).raise_for_status()
             client.patch(f"/v1/assets/{asset}", json=LOOKS).raise_for_status()

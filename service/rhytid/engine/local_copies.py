@@ -41,8 +41,8 @@ class LocalCopies:
         self._making = threading.Lock()
 
     def make_room(self) -> None:
-        """Drop what may be dropped until the limit holds. What cannot be looked at stays, and so
-        does all the rest where the shared store is away."""
+        """Drop assets that may be dropped until the limit holds. An asset that cannot be read
+        stays, and so do all others where the shared store is away."""
         if self.limit is None:
             return
         with self._making, suppress(SharedStoreError):

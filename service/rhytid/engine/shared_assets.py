@@ -51,10 +51,12 @@ _log = logging.getLogger(__name__)
 
 @dataclass
 class _Transfer:
-    """The job that fetches or pushes an asset, and what it failed with."""
+    """The job that fetches or pushes an asset, the error that it failed with, and the newer push
+    that was begun in its place, if one was."""
 
     job: Job = field(init=False)
     error: BaseException | None = None
+    newer: _Transfer | None = None
 
     @contextmanager
     def failing(self) -> Iterator[None]:
@@ -94,6 +96,7 @@ class SharedAssets:
         self._jobs, self._copies, self._in_step = jobs, copies, in_step
         self._lock = threading.Lock()
         self._fetches: dict[str, _Transfer] = {}
+        self._pushes: dict[str, _Transfer] = {}
         self._retries = PushRetries(self.push)
 
     def open(self) -> None:
@@ -126,11 +129,13 @@ class SharedAssets:
         what the push fails with then."""
         if self._calls is None:
             return
-        pushing = self._pushing(self._calls, id)
-        if self._in_step:
+        pushing: _Transfer | None = self._pushing(self._calls, id)
+        while self._in_step and pushing is not None:
             while not pushing.job.wait(_LOOK):
                 cancellation.check()
             pushing.check()
+            with self._lock:  # one that waits is cancelled for a newer one, which does the same
+                pushing = pushing.newer if pushing.job.info.state == "cancelled" else None
 
     def get(self, id: str) -> Asset:
         """An asset that was not here, fetched from the shared store.
@@ -153,32 +158,32 @@ class SharedAssets:
         raise CancelledError(f"fetching asset {id} was cancelled")
 
     def look_anew(self, id: str) -> None:
-        """What the shared store has of an asset may be another by now: it is looked for again."""
+        """Forget that an asset was not found in the shared store, or was damaged there."""
         if self._calls is not None:
             self._calls.forget(id)
 
-    def newer(self, id: str) -> SnapshotIndex | None:
-        """As `StoreMirror.newer`; None where there is no shared store."""
-        return None if self._calls is None else self._calls.newer(id)
+    def follow(self, asset: Asset, use: Callable[[AssetSettings], None], *, replace: bool) -> bool:
+        """Give a ready asset, whose lock is held, what another machine has changed of it in the
+        shared store: its settings, by `use`. Where another file differs it is taken out, to be
+        fetched anew; False, and nothing is done, where that is not wanted (`replace`).
 
-    def take_newer(
-        self, asset: Asset, there: SnapshotIndex, use: Callable[[AssetSettings], None]
-    ) -> bool:
-        """Give an asset, whose lock is held, the settings that the shared store has of it; False
-        where more than they differ.  use: gives it settings."""
-        assert self._calls is not None
-        found = self._calls.newer_settings(there)
-        if found is None:
-            return False
-        settings, data = found
-        use(settings)
-        self._calls.mirror.take_settings(there, data)
-        return True
-
-    def take_out(self, asset: Asset) -> None:
-        """As `LocalCopies.take_out`."""
-        assert self._copies is not None
-        self._copies.take_out(asset)
+        Raises NotFoundError where the asset was removed there, and what the shared store raises.
+        """
+        if self._calls is None or self._copies is None:
+            return True
+        mirror = self._calls.mirror
+        with self._calls.watching(asset.id):
+            there = mirror.newer(asset.id)
+            if there is None:
+                return True
+            found = mirror.newer_settings(there)
+        if found is not None:
+            use(found[0])
+            mirror.take_settings(there, found[1])
+        elif replace:
+            self._jobs.cancel_all(asset.id)
+            self._copies.take_out(asset)
+        return found is not None or replace
 
     def leave(self, asset: Asset) -> bool:
         """As `LocalCopies.leave`, with its frames; never where there is no shared store."""
@@ -221,8 +226,18 @@ class SharedAssets:
     def _pushing(self, calls: SharedCalls, id: str) -> _Transfer:
         pushing = _Transfer()
         work = partial(self._push, calls, id, pushing)
-        pushing.job = self._jobs.start("push", id, work, always=True)
+        with self._lock:
+            before, self._pushes[id] = self._pushes.get(id), pushing
+            if before is not None:
+                before.newer = pushing
+            pushing.job = self._jobs.start("push", id, work, always=True)
+        pushing.job.when_ended(partial(self._push_ended, id, pushing))
         return pushing
+
+    def _push_ended(self, id: str, pushing: _Transfer) -> None:
+        # Without the lock, which the thread has that cancels a push for a newer one.
+        if self._pushes.get(id) is pushing:
+            self._pushes.pop(id, None)
 
     def _push(self, calls: SharedCalls, id: str, pushing: _Transfer, job: Job) -> None:
         with pushing.failing():

@@ -8,7 +8,6 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import (
     CancelledError,
     FetchingError,
@@ -56,28 +55,16 @@ class SharedCalls:
         with _turn(self._looking, id), self._noting(id):
             self.mirror.shared.index(id)
 
-    def newer(self, id: str) -> SnapshotIndex | None:
-        """As `StoreMirror.newer`."""
-        self.check()
-        with self._watching(id):
-            return self.mirror.newer(id)
-
-    def newer_settings(self, there: SnapshotIndex) -> tuple[AssetSettings, bytes] | None:
-        """As `StoreMirror.newer_settings`."""
-        with self._watching(there.asset):
-            return self.mirror.newer_settings(there)
-
     def remove(self, id: str) -> None:
         """Remove an asset there; raises what `SharedStore.remove` does, and FetchingError where too
         many ask."""
         self.check()
-        with _turn(self._removing, id), self._watching(id):
+        with _turn(self._removing, id), self.watching(id):
             self.mirror.shared.remove(id)
 
     def push(self, id: str, report: Report) -> None:
         """As `StoreMirror.push`; what was found damaged there is written anew."""
-        self.check()
-        with self._watching(id):
+        with self.watching(id):
             self.mirror.push(id, report, anew=id in self._damaged)
         self._damaged.discard(id)
         self._failures.forget(id)
@@ -85,7 +72,6 @@ class SharedCalls:
     @contextmanager
     def fetched(self, id: str, report: Report) -> Iterator[UnpackedAsset]:
         """As `StoreMirror.fetched`."""
-        self.check()
         with self._noting(id), self.mirror.fetched(id, report) as unpacked:
             yield unpacked
 
@@ -101,7 +87,7 @@ class SharedCalls:
     def _noting(self, id: str) -> Iterator[None]:
         """Remember what the block fails with that looks for an asset, or fetches it."""
         try:
-            with self._watching(id):
+            with self.watching(id):
                 yield
         except (SharedStoreError, CancelledError):
             raise  # of the whole store, or of nothing
@@ -110,8 +96,10 @@ class SharedCalls:
             raise
 
     @contextmanager
-    def _watching(self, id: str) -> Iterator[None]:
-        """Remember where the block finds that the store is away, or an asset damaged in it."""
+    def watching(self, id: str) -> Iterator[None]:
+        """Remember where the block finds that the store is away, or an asset damaged in it. Raises
+        what `check` does before."""
+        self.check()
         try:
             yield
         except SharedStoreError as error:

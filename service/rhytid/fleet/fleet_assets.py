@@ -52,8 +52,9 @@ class SharedCalls:
         }
 
     def all(self) -> list[AssetInfo]:
-        """Every asset of the shared store but those that are known to be damaged. What is said of a
-        ready one there is taken: it is not loaded. What was found is kept."""
+        """Every asset of the shared store but those that are known to be damaged. A ready asset is
+        listed by its description there and not loaded. The list remembers each asset until its
+        manifest changes."""
         revisions = self._store.assets.revisions()
         ids = sorted({*revisions, *self._store.files.uploads()})
         with ThreadPoolExecutor(_AT_ONCE) as pool:

@@ -1,7 +1,7 @@
 """The shared store of a fleet, and a folder of the last release that becomes one.
 
 Before, each asset was a snapshot with files of its settings beside it, under a marker of its own.
-What is there is taken over when the fleet starts, by whichever machine is first; the others wait.
+The machine that starts first takes such a folder over; the others wait for it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What all replicas and ingresses know in common: the frames that were sent, and who is there."""
+"""The frame registry: the frames that were sent to any replica, and reports of the replicas."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Positions = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Report:
-    """What a replica says of itself.
+    """The report of a replica of itself.
 
     pid: of its process.  device: on which it computes.  figures: the memory of its `Figures`.
     restarts: of the process of its device, by what had ended it.
@@ -35,7 +35,7 @@ class Report:
 
 @dataclass(frozen=True)
 class Stamp:
-    """What the registry calls a frame.
+    """The version of a frame in one registry.
 
     life: of the registry that has it.  version: another for other positions, a later one is larger.
     """
@@ -46,7 +46,7 @@ class Stamp:
 
 @dataclass(frozen=True)
 class News:
-    """What a replica has not heard of the registry yet.
+    """The removals that a replica has not heard of yet.
 
     life: another after the registry was started again: it has no frames then.  count: of removals,
     to ask with the next time.  removed: since the last time.  whole: whether these are all.
@@ -122,14 +122,14 @@ class FrameRegistry:
         return await self.remove(asset, ALL, after)
 
     async def remember(self, removed: Removed) -> None:
-        """What was removed before this registry was started."""
+        """Take the removals that came before this registry was started."""
         for (asset, name), version in removed.items():
             self._version = max(self._version, version)
             if version > self._latest(asset, name):
                 self._note_removal(asset, name, version)
 
     async def news(self, life: str, count: int) -> News:
-        """What was removed after the first `count` removals of a registry of that life."""
+        """The removals after the first `count` of a registry of that life."""
         removed, whole = self._removed.since(count if life == self._life else 0)
         return News(self._life, self._removed.count, removed, whole)
 
@@ -147,7 +147,7 @@ class FrameRegistry:
         return Stamp(self._life, kept.version), kept.positions
 
     async def report(self, report: Report) -> None:
-        """What a replica says of itself, in place of what it said before."""
+        """Take the report of a replica, in place of its last one."""
         self._reports[report.replica] = (time.monotonic(), report)
 
     async def reports(self) -> list[Report]:

@@ -59,7 +59,7 @@ class FrameSync:
     A frame is fetched where the ingress knows of a newer one, or where the registry does: it is
     asked once a second for each asset that is in use. Where the engine has no room, frames of
     assets go that were not used of late: the registry has them. A registry that was started again
-    is given what the engine has, by `exchange`, and what was removed: that comes back from nobody.
+    is given the frames of the engine, by `exchange`, and the removals: no removed frame comes back.
     """
 
     def __init__(self, frames: Frames, registry: RemoteFrameRegistry) -> None:
@@ -151,8 +151,8 @@ class FrameSync:
         self.with_room(asset, bring)
 
     def with_room(self, asset: str, work: Callable[[], T]) -> T:
-        """What the work returns that puts frames of an asset into the engine; frames of others go
-        where there is no room. Not to be called while `changing` is held."""
+        """Do work that puts frames of an asset into the engine, and return its result; frames of
+        other assets go where there is no room. Not to be called while `changing` is held."""
         while True:
             try:
                 return work()
@@ -196,8 +196,8 @@ class FrameSync:
                         self._drop(asset, name)
 
     def _give(self, asset: str) -> None:
-        """Give the registry the frames of an asset that it lacks. What the engine does not have yet
-        is given later."""
+        """Give the registry the frames of an asset that it lacks. A frame that the engine does not
+        have yet is given later."""
         mine = self._not_given(asset)
         if not mine:
             return

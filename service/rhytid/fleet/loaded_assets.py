@@ -14,6 +14,7 @@ from functools import partial
 
 from rhytid.engine import local_copies
 from rhytid.engine.messages import AssetInfo, FollowedAsset
+from rhytid.engine.shared_calls import FORGOTTEN, RecentFailures
 from rhytid.engine_process.keyed_locks import KeyedLocks
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import (
@@ -29,6 +30,8 @@ from rhytid.fleet.frame_sync import FrameSync
 
 # Seconds to wait until nobody uses an asset any more, of which other files are there now.
 PATIENCE = 60.0
+# Under which it is remembered that the shared store could not be used.
+_STORE = ""
 _log = logging.getLogger(__name__)
 
 
@@ -72,6 +75,7 @@ class LoadedAssets:
         self._here: OrderedDict[str, LoadedAsset] = OrderedDict()
         self._locks = KeyedLocks()
         self._unused = threading.Condition()
+        self._failures = RecentFailures(FORGOTTEN)
 
     def changing(self, asset: str) -> AbstractContextManager[None]:
         """Held while the asset in the shared store and the one here change together."""
@@ -111,10 +115,11 @@ class LoadedAssets:
     def see_changed(self, asset: str) -> None:
         """The engine has shared the asset, or changed it, and the shared store has that now; to be
         called while `changing` is held."""
-        there = self._store.assets.revision(asset)
-        found = self._engine.assets.follow(asset, replace=False)
-        if found is not None:  # else another machine was faster: the next call takes what it did
-            self._note(asset, there, found)
+        with suppress(SharedStoreError):  # the next call looks again
+            there = self._revision(asset)
+            found = self._engine.assets.follow(asset, replace=False)
+            if found is not None:  # else the next call takes what another machine has changed
+                self._note(asset, there, found)
 
     def pin(self, asset: str) -> Callable[[], None]:
         """Keep an asset here until what is returned is called."""
@@ -143,16 +148,26 @@ class LoadedAssets:
         if here is not None and time.monotonic() - here.looked < self._store.assets.fresh:
             return
         try:
-            there = self._store.assets.revision(asset)
-        except SharedStoreError as error:
-            if here is None:
+            there = self._revision(asset)
+            if here is None or here.revision != there:
+                self._see_to_other(asset, there, gone)
+            here = self._here.get(asset)
+        except SharedStoreError:
+            if here is None:  # else it is taken as it is here
                 raise
-            _log.warning("asset %s is taken as it is here: %s", asset, error)
-            return
-        if here is None or here.revision != there:
-            self._see_to_other(asset, there, gone)
-        elif here is not None:
+        if here is not None:
             here.looked = time.monotonic()
+
+    def _revision(self, asset: str) -> str | None:
+        """As `SharedStore.revision`, which is not asked again at once where it could not be
+        used."""
+        self._failures.check(_STORE)
+        try:
+            return self._store.assets.revision(asset)
+        except SharedStoreError as error:
+            _log.warning("loaded assets are taken as they are here: %s", error)
+            self._failures.add(_STORE, error)
+            raise
 
     def _see_to_other(self, asset: str, there: str | None, gone: str) -> None:
         """Of an asset that is not here, or another in the shared store now."""
@@ -184,8 +199,8 @@ class LoadedAssets:
             here = self._here.setdefault(asset, LoadedAsset())
             here.revision, here.looked = there, time.monotonic()
         if there is not None and here.upload:
-            here.upload = False
             self._store.files.remove_upload(asset)
+            here.upload = False
         with suppress(StorageError):  # without room there, it is loaded for lists
             if found.manifest and self._store.files.info(asset, found.manifest) is None:
                 self._store.files.put_info(self._seen(found.info), found.manifest)

@@ -65,7 +65,7 @@ def _call(
     """The method that asks the registry what one of `FrameRegistry` answers."""
 
     @wraps(call)
-    def asked(self: RemoteFrameRegistry, *arguments: P.args, **named: P.kwargs) -> T:
+    def asked(self: RemoteFrameRegistry, /, *arguments: P.args, **named: P.kwargs) -> T:
         found: T = self._ask(call.__name__, *arguments, **named)
         return found
 
@@ -77,8 +77,8 @@ class RemoteFrameRegistry:
     """The calls of `FrameRegistry`; each raises DeviceLostError where it does not answer.
 
     The registry is an actor of its own: a deployment of Ray Serve would be started again with every
-    change of the application, and frames would be lost. Who asks first starts it; where its process
-    ends, Ray starts it again.
+    change of the application, and frames would be lost. The process that asks first starts it;
+    where the process of the registry ends, Ray starts it again.
 
     application: of Ray Serve, whose registry it is.  limit: bytes of positions of all frames.
     left: seconds as of `FrameRegistryActor`, of a registry that is started.
@@ -150,8 +150,8 @@ class RemoteFrameRegistry:
 
 
 class ReplicaReports:
-    """Asks the registry again and again, so that nobody has to wait for it: figures are read where
-    nothing may block."""
+    """The reports of the replicas, asked for once a second by a thread of its own: figures are read
+    where nothing may block."""
 
     def __init__(self, registry: RemoteFrameRegistry) -> None:
         self._registry = registry

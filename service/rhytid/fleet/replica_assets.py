@@ -57,7 +57,7 @@ class ReplicaAssets:
     def create(
         self, new: NewAsset, gone: str, *, strict: bool = False, allow: Collection[str] = ()
     ) -> AssetInfo:
-        """As `AssetService.create`; what was sent is kept until the asset is shared."""
+        """As `AssetService.create`; the upload is kept until the asset is shared."""
         asset = content_id(new)
         with self.loaded.using(asset, gone, mend=True):
             info = self._engine.assets.create(new, strict=strict, allow=allow)
@@ -124,8 +124,8 @@ class ReplicaAssets:
         return info, new
 
     def _begin(self, info: AssetInfo, new: NewAsset) -> None:
-        """What was sent of a build that was started is kept; the build is given up where it cannot
-        be. What is ready may have other named shapes now."""
+        """Keep the upload of a build that was started; without room for it the build is given up. A
+        ready asset may have other named shapes now."""
         if info.state == "ready":
             self.loaded.see_changed(info.id)
             return
@@ -141,7 +141,7 @@ class ReplicaAssets:
             self._jobs.watch(info.job, partial(self._built, info.id))
 
     def _built(self, asset: str, job: JobInfo | None) -> None:
-        """A build has ended. Where it could not be shared, what was sent stays until it is."""
+        """A build has ended. Its upload stays until the asset is in the shared store."""
         with self.loaded.changing(asset):
             if not self.loaded.has(asset):
                 return  # it was removed

@@ -1,4 +1,4 @@
-"""What a fleet keeps in its shared store beside the assets, for all replicas and ingresses.
+"""The files of a fleet in its shared store beside the assets, for all replicas and ingresses.
 
 ::
 
@@ -49,7 +49,7 @@ _PACKAGES, _COPIES = 4, 8
 _KEY_BYTES, _KEY_SECONDS = 32, 5.0
 # Bytes of the name of a replica, and of what callers see of an asset, at most.
 _LONGEST_OWNER, _LONGEST_INFO = 1 << 10, 1 << 20
-# Seconds after which a given file is removed that nobody has taken.
+# Seconds after which a file of `give` is removed that no process has taken.
 _ABANDONED = 24 * 3600.0
 # Of an upload: bytes of the pickle, and number of arrays; sizes of the arrays, the pickle and the
 # arrays follow.
@@ -70,7 +70,7 @@ class SharedFiles:
         self._copied: Path | None = None
 
     def sweep(self) -> None:
-        """Remove files that were given a day ago or earlier, and that nobody has taken."""
+        """Remove files of `give` that are a day old: the process that should remove them ended."""
         folder = self._backend.local(GIVEN)
         if folder is not None:
             with storage_errors(f"{folder} cannot be read"), suppress(FileNotFoundError):
@@ -86,7 +86,10 @@ class SharedFiles:
         return [name for name in self._backend.names(UPLOADS) if ID.fullmatch(name)]
 
     def put_upload(self, asset: str, owner: str, pieces: Iterable[bytes | memoryview]) -> None:
-        """Keep what a caller sent, in place of what was kept; nothing where that fails."""
+        """Keep the upload of an asset, in place of an earlier one; on failure none is kept.
+
+        owner: the replica that builds the asset.
+        """
         self.own(asset, owner)
         try:
             self._backend.put(_upload(asset), pieces)
@@ -100,30 +103,31 @@ class SharedFiles:
         self._backend.write(_owner(asset), owner.encode())
 
     def owner(self, asset: str) -> str | None:
-        """The replica that builds an asset; None where nothing of it was sent, or it is built."""
+        """The replica that builds an asset; None where there is no upload of it."""
         if self._backend.find(_upload(asset)) is None:
             return None
         data = self._backend.read(_owner(asset), _LONGEST_OWNER)
         return None if data is None else data.decode(errors="replace")
 
     def upload(self, asset: str) -> bytes | None:
-        """What a caller sent; None where it has gone."""
+        """The upload of an asset; None where it has gone."""
         with self._fetched(_upload(asset)) as file:
             return None if file is None else file.read()
 
     def remove_upload(self, asset: str) -> None:
-        """What was sent is not needed any more."""
+        """Remove the upload of an asset, if there is one."""
         self._backend.remove(_upload(asset))
         self._backend.remove(_owner(asset))
 
     def put_info(self, info: AssetInfo, manifest: str) -> None:
-        """Say what callers see of a ready asset.  manifest: SHA-256 of the manifest that it has."""
+        """Describe a ready asset, as callers see it.  manifest: SHA-256 of the manifest that it
+        has."""
         text = json.dumps({"of": manifest, "info": asdict(info)}).encode()
         self._backend.write(_info(info.id), text)
 
     def info(self, asset: str, manifest: str) -> AssetInfo | None:
-        """What callers see of a ready asset; None where nobody has said it of this manifest, or
-        another release did."""
+        """The description of a ready asset; None where there is none of this manifest that this
+        release reads."""
         try:
             data = self._backend.read(_info(asset), _LONGEST_INFO)
             found = {} if data is None else json.loads(data)
@@ -145,26 +149,26 @@ class SharedFiles:
         return key
 
     def give(self, pieces: Iterable[bytes]) -> str:
-        """The name of a new file on its way; who takes it removes it."""
+        """Write a file for another process, which removes it; its name."""
         name = f"{GIVEN}/{uuid4().hex}"
         self._backend.put(name, pieces)
         return name
 
     @contextmanager
     def given(self, name: str) -> Iterator[BinaryIO]:
-        """A file on its way, open; raises SharedStoreError where it has gone."""
+        """A file of `give`, open; raises SharedStoreError where it has gone."""
         with self._fetched(name) as file:
             if file is None:
                 raise SharedStoreError(f"{self._backend}/{name} is gone")
             yield file
 
     def remove_given(self, name: str) -> None:
-        """A file was taken."""
+        """Remove a file that was taken."""
         self._backend.remove(name)
 
     def share_package(self, asset: str, package: Package) -> Package:
-        """A skin package where every ingress can have it, by `package`; older ones of the asset
-        go."""
+        """Put a skin package where every ingress can read it, and remove older ones of the asset;
+        `package` finds its file."""
         name = f"{PACKAGES}/{checked_id(asset)}-{package.key}.zip"
         if self._backend.find(name) is None:
             self._backend.send(name, package.file)
@@ -218,7 +222,7 @@ class SharedFiles:
 
 
 def written_upload(new: NewAsset) -> Iterator[bytes | memoryview]:
-    """What a caller sent, as the bytes of a file that `read_upload` reads."""
+    """An upload as the bytes of a file, which `read_upload` reads."""
     packed = pack(new)
     sizes = [size for _, size in packed.places]
     yield _HEAD.pack(len(packed.body), len(sizes))
@@ -230,8 +234,8 @@ def written_upload(new: NewAsset) -> Iterator[bytes | memoryview]:
 
 
 def read_upload(data: bytes) -> NewAsset:
-    """What was written; nothing that the bytes say is run. Raises SharedDamageError where they are
-    damaged."""
+    """The upload of `written_upload`; nothing in the bytes is run. Raises SharedDamageError where
+    they are damaged."""
     try:
         length, count = _HEAD.unpack_from(data)
         start = _HEAD.size + 8 * count
@@ -246,7 +250,7 @@ def read_upload(data: bytes) -> NewAsset:
 
 
 def _asset_info(found: dict[str, Any]) -> AssetInfo | None:
-    """What `put_info` has written of an asset; None where settings have other names now. Raises
+    """The description that `put_info` wrote; None where settings have other names now. Raises
     KeyError, TypeError and ValueError where another release wrote something else."""
     if not _same_names(found["settings"], AssetSettings().as_json()):
         return None

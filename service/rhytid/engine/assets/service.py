@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from contextlib import nullcontext, suppress
 from dataclasses import replace
-from functools import partial
 from typing import Any, TypeVar
 
 from numpy.typing import ArrayLike
@@ -177,24 +176,19 @@ class AssetService:
     def _followed(self, found: Asset, replace: bool) -> bool:
         """Give an asset the settings that the shared store has, or take it out to be fetched;
         False where that is not allowed."""
+
+        def use(settings: AssetSettings) -> None:
+            self._builder.use(found, settings)
+            self._builder.prepare_bins(found)
+
         with found.lock:
             if found.state != "ready":
                 return True
             try:
-                there = self._shared.newer(found.id)
+                return self._shared.follow(found, use, replace=replace)
             except NotFoundError:
                 self._delete(found)
                 raise
-            use = partial(self._builder.use, found)
-            if there is None:
-                return True
-            if not self._shared.take_newer(found, there, use):
-                if replace:
-                    self._jobs.cancel_all(found.id)
-                    self._shared.take_out(found)
-                return replace
-        self._builder.prepare_bins(found)
-        return True
 
     def _delete(self, found: Asset) -> None:
         asset = found.id

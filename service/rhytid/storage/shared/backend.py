@@ -44,8 +44,8 @@ class Found:
 class Backend(Protocol):
     """Named bytes that several machines reach.
 
-    A name is a path with slashes. What is written under a name is there whole or not at all, and
-    replaces what was there. Methods raise SharedStoreError naming the object where the place cannot
+    A name is a path with slashes. An object is there whole or not at all, and replaces an earlier
+    one of its name. Methods raise SharedStoreError naming the object where the place cannot
     be used, SharedDamageError where it is no plain file, and DiskFullError where a disk is full.
     """
 

@@ -48,10 +48,10 @@ _MANIFEST = re.compile(ID.pattern + r"\.json", re.ASCII)
 class FolderBackend:
     """Objects as files below a folder, written aside in its `partial` and renamed.
 
-    What is made there is for its owner alone; where the group of the folder may write into it, for
-    that group. Raises InputError where the folder is not there, since it may have to be mounted, or
-    where something in it is in the way that is not ours; StoreFormatError where a newer release
-    made the shared store. Nothing is changed there then.
+    Files and folders are for their owner alone; where the group of the folder may write into it,
+    for that group, too. Raises InputError where the folder is not there, since it may have to be
+    mounted, or where something in it is in the way that is not ours; StoreFormatError where a newer
+    release made the shared store. Nothing is changed there then.
     """
 
     fresh = 0.0
@@ -207,7 +207,7 @@ class FolderBackend:
 
 @contextmanager
 def _refused(place: FolderBackend) -> Iterator[None]:
-    """What is not ours in a place was named by the user."""
+    """The border where StorageError becomes InputError: the user has named the folder."""
     try:
         yield
     except StoreFormatError:

@@ -1,4 +1,4 @@
-"""A local store beside a shared one: what the one has of the other."""
+"""A local store beside a shared one, and copies of assets between them."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ class StoreMirror:
         return self._snapshots.shared_note(id) == self._noted(self._snapshots.index(id))
 
     def is_held(self, id: str) -> bool:
-        """Whether an asset was not changed here since the shared store had it so, and is there with
-        all of its objects, which are not read: so, or as another machine changed it since."""
+        """Whether an asset was not changed here since the shared store had it so, and all of its
+        objects are there, which are not read. Another machine may have changed it there since."""
         return self.is_pushed(id) and self.shared.holds(id)
 
     def bring(self, id: str, report: Report) -> bool:
@@ -109,9 +109,9 @@ class StoreMirror:
         return True
 
     def newer(self, id: str) -> SnapshotIndex | None:
-        """What an asset is made of in the shared store, where another machine has changed it there
-        and this one has not since they had the same; None where it is the same, or was changed
-        here. Raises NotFoundError where it was removed there."""
+        """The manifest of an asset in the shared store, where another machine has changed it and
+        this one has not since; None where both have the same, or this one has changed it. Raises
+        NotFoundError where the asset was removed there."""
         if not self.is_pushed(id):
             return None
         there = self.shared.index(id)

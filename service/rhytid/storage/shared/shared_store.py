@@ -10,9 +10,9 @@
     └── partial/                   of a folder: files that are being written
 
 Nothing is locked. A manifest is replaced as a whole, and objects are there before a manifest names
-them, so that a reader finds an asset as one writer left it, or not at all. Who removes an asset
-looks for its manifest again afterwards, and who pushes it for its objects: whichever comes last
-finds what the other has left, so that no manifest stays without its objects.
+them, so that a reader finds an asset as one writer left it, or not at all. A machine that removes
+an asset looks for its manifest again afterwards, and one that pushes it looks for its objects: the
+last of them finds what the other has left, so that no manifest stays without its objects.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class SharedStore:
         return None if found is None else found.revision
 
     def index(self, id: str) -> SnapshotIndex:
-        """What an asset is made of.
+        """The files of an asset: its manifest.
 
         Raises NotFoundError where it is not there, SharedDamageError naming its manifest, and
         StoreFormatError where a newer version of rhytid wrote that.
@@ -321,8 +321,8 @@ class _Manifests:
         return self._backend.read(_manifest_name(id), LONGEST_INDEX)
 
     def decode(self, id: str, data: bytes) -> SnapshotIndex:
-        """What the bytes say; raises SharedDamageError, and StoreFormatError where a newer version
-        of rhytid wrote them."""
+        """The index in these bytes; raises SharedDamageError, and StoreFormatError where a newer
+        version of rhytid wrote them."""
         self.check_version(id, data)
         try:
             index = SnapshotIndex.decode(data)
@@ -350,7 +350,7 @@ class _Manifests:
 
 
 def _untold(share: float, file: str) -> None:
-    """A report to nobody, which does not end the work."""
+    """A report that is not passed on, and does not end the work."""
 
 
 def _object_folder(id: str) -> str:
