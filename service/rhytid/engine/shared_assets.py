@@ -33,7 +33,6 @@ from rhytid.errors import (
 from rhytid.storage.homes import ID
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import Report
-from rhytid.storage.snapshots import SnapshotIndex
 from rhytid.support import cancellation
 
 # Seconds that a caller waits for an asset before it is told to ask again, and that a removal waits

@@ -18,7 +18,6 @@ from rhytid.errors import (
 from rhytid.storage.asset_snapshots import UnpackedAsset
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import Report
-from rhytid.storage.snapshots import SnapshotIndex
 
 # Seconds that what was not found is not looked for again, and that a caller waits for its turn.
 FORGOTTEN, TURN = 2.0, 1.0

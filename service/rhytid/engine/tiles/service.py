@@ -15,10 +15,8 @@ from rhytid.engine.assets.asset import Asset, AssetRegistry
 from rhytid.engine.assets.on_device import DeviceAssets
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import Frame
-from rhytid.engine.keys import map_key, settings_key
-from rhytid.engine.messages import DrawnTile, MapQuery, Tile, TileDescription, TilePlan
 from rhytid.engine.keys import map_key
-from rhytid.engine.messages import MapQuery, Tile, TilePlan
+from rhytid.engine.messages import DrawnTile, MapQuery, Tile, TileDescription, TilePlan
 from rhytid.engine.tiles.batcher import TileBatcher
 from rhytid.engine.tiles.maps import MapDrawing
 from rhytid.errors import NotFoundError
@@ -92,8 +90,9 @@ class TileService:
             side = found.settings.grid.side(at.level)
             whole = (0, 0, side)
             draw = partial(self._maps.square, found, drawn, query, at.udim, at.level, whole)
-        key, header = self._key(found, drawn, query, str(place)), _header(found, name, query, at)
-        return TilePlan(TileDescription(key, header, side), partial(spent_on, query.method, draw))
+        key = map_key(asset, found.settings, self._drawn_by, drawn, query, str(place))
+        described = TileDescription(key, _header(found, name, query, at), side)
+        return TilePlan(described, partial(spent_on, query.method, draw))
 
     def triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
         """(R, R) the triangle that each texel of a UDIM shows, padding included, row 0 at the top;
@@ -148,10 +147,6 @@ class TileService:
         return self._on_device.use(
             found, lambda resident: resident.bins.layer_codes(address, layer, bin, sample)
         )
-
-    def _key(self, asset: Asset, frame: Frame, query: MapQuery, place: str) -> str:
-        revision = settings_key(asset.id, asset.settings, self._drawn_by, query.method)
-        return map_key(revision, frame, query, place)
 
     def _key_now(self, asset: str, frame: str | Frame, query: MapQuery, place: str) -> str:
         """The key that a place has now; raises what `plan` does."""
