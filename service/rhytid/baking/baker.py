@@ -73,26 +73,30 @@ class Baker:
     def write(self, places: Iterable[FramePlace]) -> None:
         """Write the files of these frames that are missing or out of date. A frame is done when the
         next one is taken from `places`."""
-        record, sources = self.output.record(self.engine.tiles.drawn_by), self._sources
+        record = self.output.record(self.engine.tiles.drawn_by)
         for place in places:
             with self.watch.step("stretch"):
                 self._put(place)
-            surface = sources.surface(place.label, partial(self.frames.read, place))
-            plans, heights = {}, {}
-            for udim in self.asset.udims:
-                plan = plans[udim] = self._plan(place, udim)
-                drawn = sources.map(surface, plan, cache(partial(self._draw, plan)))
-                self.output.describe(drawn)
-                for profile in self.output.profiles:
-                    file = self.output.file(profile, udim, place)
-                    self._map(record, profile, file, plan, drawn, surface)
-                if self.geometry is not None:
-                    heights[udim] = drawn.bordered
-            if self.geometry is not None:
-                self._surface(self.geometry, record, place, plans, heights, surface)
+            self._frame(record, place)
             self.engine.frames.delete(self.asset.id, place.label)
         if self.written:
             self.warnings.drawn_by(self.output.drawn_by(self.engine.tiles.drawn_by))
+
+    def _frame(self, record: BakeRecord, place: FramePlace) -> None:
+        """Write the maps and the surface of a frame that the engine holds."""
+        surface = self._sources.surface(place.label, partial(self.frames.read, place))
+        plans, heights = {}, {}
+        for udim in self.asset.udims:
+            plan = plans[udim] = self._plan(place, udim)
+            drawn = self._sources.map(surface, plan, cache(partial(self._draw, plan)))
+            self.output.describe(drawn)
+            for profile in self.output.profiles:
+                file = self.output.file(profile, udim, place)
+                self._map(record, profile, file, plan, drawn, surface)
+            if self.geometry is not None:  # else each map is let go after its UDIM
+                heights[udim] = drawn.bordered
+        if self.geometry is not None:
+            self._surface(self.geometry, record, place, plans, heights, surface)
 
     @cached_property
     def _sources(self) -> MapSources:
