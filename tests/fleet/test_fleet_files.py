@@ -23,7 +23,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.messages import AssetInfo, Package
 from rhytid.errors import NotFoundError, SharedDamageError, SharedStoreError, StorageError
 from rhytid.fleet.shared_files import SharedFiles, read_upload, written_upload
-from rhytid.storage.shared.backend import backend_of
+from rhytid.storage.shared import backend_of
 
 ASSET = "0123456789abcdef"
 STRANGE = ["\0", "a" * 300, "..", "../assets/0123456789abcdef", "0123456789ABCDEF", " ", "é" * 16]
@@ -98,7 +98,7 @@ WRITER = """
 import os, signal, sys
 from pathlib import Path
 from rhytid.fleet.shared_files import SharedFiles
-from rhytid.storage.shared.backend import backend_of
+from rhytid.storage.shared import backend_of
 def pieces():
     yield b"half"
     os.kill(os.getpid(), signal.SIGKILL)

@@ -6,6 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import override
 
 from rhytid.domain.frame import NEUTRAL, check_frame_name
 from rhytid.domain.warnings import InputWarning, check_codes, refuse
@@ -13,14 +14,16 @@ from rhytid.engine.assets.asset import Asset, AssetRegistry
 from rhytid.engine.assets.on_device import DeviceAssets
 from rhytid.engine.frames import Frame, LogStretch, refuse_neutral
 from rhytid.engine.messages import FrameInfo, FrameStretch
+from rhytid.engine.operations import Frames
 
 
-class FrameService:
+class FrameService(Frames):
     """Stores, lists, reads and deletes the frames of assets."""
 
     def __init__(self, registry: AssetRegistry, on_device: DeviceAssets) -> None:
         self._assets, self._on_device = registry, on_device
 
+    @override
     def put(
         self,
         asset: str,
@@ -30,14 +33,6 @@ class FrameService:
         strict: bool = False,
         allow: Collection[str] = (),
     ) -> FrameInfo:
-        """Store positions (V, 3) under a name, in place of the frame that had it.
-
-        The answer warns of what is probably wrong with them; strict: raise StrictError instead, and
-        store nothing, unless the code of every warning is in `allow`.
-
-        Raises QueryError for a code that does not exist, FrameError naming the count or the vertex,
-        ReadOnlyError for `neutral`, FrameMemoryError where the memory for frames is full.
-        """
         check_frame_name(frame)
         refuse_neutral(frame)
         found = self._assets.get(asset)
@@ -64,6 +59,7 @@ class FrameService:
         asset.frames.put(name, frame, measured, warnings, since=since)
         return FrameInfo(name, measured.percentiles(_limit(asset)), warnings)
 
+    @override
     def warnings(
         self,
         asset: str,
@@ -72,29 +68,25 @@ class FrameService:
         strict: bool = False,
         allow: Collection[str] = (),
     ) -> tuple[InputWarning, ...]:
-        """Warnings of what is probably wrong with positions (V, 3) that are not stored.
-
-        strict: raise StrictError where the code of one is not in `allow`.
-        """
         found = self._assets.get(asset)
         frame, warnings = checked_frame(found, positions, "the positions", strict, allow)
         found.frames.recent(frame)  # drawn next, most of the time
         return warnings
 
+    @override
     def all(self, asset: str) -> list[FrameInfo]:
-        """Every frame of an asset, `neutral` first."""
         found = self._assets.get(asset)
         found.check_ready()
         return found.frames.infos(_limit(found))
 
+    @override
     def info(self, asset: str, frame: str) -> FrameInfo:
-        """The stretch and the warnings of a frame."""
         found = self._assets.get(asset)
         found.check_ready()
         return found.frames.info(frame, _limit(found))
 
+    @override
     def positions(self, asset: str, frame: str) -> NDArray[np.float32]:
-        """(V, 3) positions of a frame; those of the neutral mesh for `neutral`."""
         found = self._assets.get(asset)
         if frame == NEUTRAL:
             return self._on_device.loaded(found).mesh.neutral
@@ -106,14 +98,14 @@ class FrameService:
         """32 hex digits that name the positions of a frame; `neutral` for the neutral mesh."""
         return self._assets.get(asset).frames.get(frame).digest
 
+    @override
     def delete(self, asset: str, frame: str) -> None:
-        """Delete a frame; raises ReadOnlyError for `neutral`."""
         found = self._assets.get(asset)
         found.check_ready()
         found.frames.delete(frame)
 
+    @override
     def stretch(self, asset: str, frame: str) -> FrameStretch:
-        """Axes and unclamped ratios of every triangle in a frame (section 2.2)."""
         found = self._assets.get(asset)
         stored = found.frame(frame)
         ratios, axes = self._on_device.use(found, lambda resident: resident.frames.ratios(stored))

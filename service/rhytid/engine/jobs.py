@@ -10,8 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+from typing_extensions import override
+
 from rhytid.device.figures import JOB_KINDS, Figures
 from rhytid.domain.wording import plural
+from rhytid.engine import operations
 from rhytid.engine.job import Job
 from rhytid.engine.messages import JobInfo
 from rhytid.errors import BusyError, NotFoundError
@@ -81,7 +84,7 @@ LANES = (
 _USUAL = len(LANES) - len([lane for lane in LANES if lane.spare or lane.transfers])
 
 
-class Jobs:
+class Jobs(operations.Jobs):
     """Runs jobs by the priority of their kind. Of one kind, jobs of callers with fewer jobs at work
     come first, then those of callers that were served longest ago, then those that were queued
     first.
@@ -156,13 +159,12 @@ class Jobs:
                 raise NotFoundError(f"no job {id!r}")
             return self._jobs[id]
 
+    @override
     def info(self, id: str) -> JobInfo:
-        """How far a job is; raises NotFoundError."""
         return self.get(id).info
 
+    @override
     def cancel(self, id: str) -> JobInfo:
-        """End a job that waits; ask a job at work to stop, which it does within a second. Raises
-        NotFoundError."""
         job = self.get(id)
         self._cancel([job], resumes=False)
         return job.info

@@ -143,11 +143,11 @@ class Assets(Protocol):
 
     @operation("assets")
     def all(self) -> list[AssetInfo]:
-        """Every asset."""
+        """Describes every asset."""
 
     @operation("asset")
     def info(self, asset: str) -> AssetInfo:
-        """One asset."""
+        """Describes one asset."""
 
     @operation("asset", constant=True)
     def dimensions(self, asset: str) -> AssetDimensions:
@@ -155,31 +155,31 @@ class Assets(Protocol):
 
     @operation("asset", "change")
     def change(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
-        """Change response, shape, depth, angles, preset, bins or convolve; tiles and keys change.
-        Change the name, which nothing depends on.
+        """Change response, shape, depth, angles, preset, bins or convolve, with which tiles and
+        keys change, or the name, on which nothing depends.
 
-        A `preset` sets the bins but for `r_max`; keys of `bins` beside it override it. `depth`,
-        `convolve.sigma` or `shape.wave_frequency` null means the default again: what the file of a
-        given graph says, else in proportion to the spacing. Raises SettingsError for what cannot be
-        changed.
+        A `preset` sets the bins but for `r_max`; keys of `bins` beside it override it. None for
+        `depth`, `convolve.sigma` or `shape.wave_frequency` means the default again: the value in
+        the file of a given graph, else a value in proportion to the spacing. Raises SettingsError
+        for settings that cannot be changed.
         """
 
     @operation("asset", "remove")
     def delete(self, asset: str, *, shared: bool = False) -> None:
-        """Remove an asset from memory, device and disk; cancels what is being made of it.
+        """Remove an asset from memory, device and disk, and cancel its jobs.
 
-        shared: from the shared store, too, where it may be alone; otherwise it stays there. Raises
-        QueryError where there is none.
+        shared: remove it from the shared store, too, even if it is there alone; otherwise it stays
+        there. Raises QueryError where there is no shared store.
         """
 
     @operation("asset", "drop")
     def follow(self, asset: str, *, replace: bool) -> FollowedAsset | None:
-        """Have an asset as the shared store has it, where another machine has changed it there. One
+        """Have an asset as the shared store has it, where another machine has changed it there; one
         that builds, or was changed here and not pushed since, stays as it is.
 
         None, and nothing is done, where more than its settings differs, unless `replace`: then it
         is fetched anew, without its frames. Raises NotFoundError where it was removed there, and
-        removes it here then; what the shared store raises.
+        here it is removed then, too; what the shared store raises.
         """
 
     @operation("asset", "drop")
@@ -190,12 +190,12 @@ class Assets(Protocol):
     @operation("asset")
     def content(self, asset: str) -> AssetContent:
         """The key and the size of what `graph`, `mesh` and `curves` of a ready asset return now;
-        reads none of it."""
+        reads none of these."""
 
     @operation("asset")
     def graph(self, asset: str) -> WrinkleGraph:
-        """The wrinkle graph of a ready asset, with the lengths that it is drawn with now, and the
-        seed."""
+        """The wrinkle graph of a ready asset, with the seed and the lengths that it is drawn with
+        now."""
 
     @operation("asset")
     def mesh(self, asset: str) -> Mesh:
@@ -203,17 +203,19 @@ class Assets(Protocol):
 
     @operation("asset")
     def shapes(self, asset: str) -> Expressions:
-        """The named shapes that came with the mesh of a ready asset, out of the store. Raises
-        NotFoundError where none came."""
+        """The named shapes that came with the mesh of a ready asset, out of the store.
+
+        Raises NotFoundError where none came.
+        """
 
     @operation("asset")
     def shapes_nbytes(self, asset: str) -> int:
-        """Bytes of what `shapes` answers, which is not read; raises as it does."""
+        """Bytes of the shapes that `shapes` returns, which are not read; raises what it raises."""
 
     @operation("asset")
     def curves(self, asset: str) -> Curves:
-        """The wrinkles of a ready asset as lines in space; those with an end off the mesh are not
-        among them."""
+        """The wrinkles of a ready asset as lines in space; wrinkles with an end off the mesh are
+        left out."""
 
     @operation("asset")
     def calibrate(
@@ -226,8 +228,8 @@ class Assets(Protocol):
     ) -> JobInfo:
         """Set r_max from a frame (section 2.4) and make the bins anew, as a job.
 
-        The job warns of the frame; strict: raise StrictError instead, unless its code is in
-        `allow`.
+        The job warns of the frame; strict: raise StrictError instead, unless the code of every
+        warning is in `allow`.
         """
 
 
@@ -244,12 +246,12 @@ class Frames(Protocol):
         strict: bool = False,
         allow: Collection[str] = (),
     ) -> FrameInfo:
-        """Store positions (V, 3) under a name, in place of what had that name.
+        """Store positions (V, 3) under a name, in place of the frame that had it.
 
-        The answer warns of what is probably wrong; strict: raise StrictError instead, and store
-        nothing, unless its code is in `allow`.
+        The answer warns of what is probably wrong with them; strict: raise StrictError instead, and
+        store nothing, unless the code of every warning is in `allow`.
 
-        Raises QueryError for a code that there is not, FrameError naming the count or the vertex,
+        Raises QueryError for a code that does not exist, FrameError naming the count or the vertex,
         ReadOnlyError for `neutral`, FrameMemoryError where the memory for frames is full.
         """
 
@@ -262,9 +264,9 @@ class Frames(Protocol):
         strict: bool = False,
         allow: Collection[str] = (),
     ) -> tuple[InputWarning, ...]:
-        """What is probably wrong with positions (V, 3) that are not stored.
+        """Warnings of what is probably wrong with positions (V, 3) that are not stored.
 
-        strict: raise StrictError where there is something whose code is not in `allow`.
+        strict: raise StrictError where the code of one is not in `allow`.
         """
 
     @operation("frames")
@@ -281,7 +283,7 @@ class Frames(Protocol):
 
     @operation("frame", "remove")
     def delete(self, asset: str, frame: str) -> None:
-        """Delete a frame."""
+        """Delete a frame; raises ReadOnlyError for `neutral`."""
 
     @operation("frame")
     def stretch(self, asset: str, frame: str) -> FrameStretch:
@@ -310,7 +312,7 @@ class Tiles(Protocol):
 
     @operation("asset")
     def bins(self, asset: str) -> BinManifest:
-        """The precomputed maps of an asset (section 2.4)."""
+        """Describes the precomputed maps of an asset (section 2.4)."""
 
     @operation("asset")
     def bin_tile(
@@ -323,11 +325,11 @@ class Tiles(Protocol):
     ) -> NDArray[integer]:
         """(n, n) int8 or int16 codes of one precomputed map tile; displacement = code * step.
 
-        bin, sample: needed where the layer has more than one.  Of the cushions n is that of the
+        bin, sample: needed where the layer has more than one. Of the cushions, n is the number of
         samples under the tile, with the apron around them.
 
-        Raises NotFoundError above level 0: what is blended has coarser levels, the maps have none;
-        QueryError where bin or sample is missing.
+        Raises NotFoundError above level 0, since precomputed maps have no coarser levels, only
+        tiles blended from them; QueryError where bin or sample is missing.
         """
 
 
@@ -341,7 +343,7 @@ class Jobs(Protocol):
 
     @operation("job", "change")
     def cancel(self, id: str) -> JobInfo:
-        """End a job that waits; ask one at work to stop, which it does within a second. Raises
+        """End a job that waits; ask a job at work to stop, which it does within a second. Raises
         NotFoundError."""
 
 
@@ -354,10 +356,9 @@ class Snapshots(Protocol):
 
     @operation("content", "create")
     def restore(self, stream: Readable, nbytes: int) -> tuple[AssetInfo, bool]:
-        """The asset of a snapshot of so many bytes, and whether it is new here. Nothing is
-        synthesised.
+        """The asset of a snapshot of `nbytes` bytes, and whether it is new here.
 
-        One that is known and did not fail stays as it is, its present settings too. Raises
+        An asset that is known and did not fail stays as it is, its present settings too. Raises
         SnapshotError before anything is changed; StoreFormatError where another version stored it.
         """
 
@@ -369,14 +370,16 @@ class Packages(Protocol):
     def of(
         self, asset: str, levels: int = 1, key: str | None = None, begin: bool = True
     ) -> Package | JobInfo | None:
-        """The package of an asset with so many levels of its maps; the job that makes it, where
-        that takes longer than a second.  key: that of the package that the caller has begun to
-        read.  begin: start that job; otherwise None where there is neither.
+        """The package of an asset with `levels` levels of its maps; the job that makes it, where
+        that takes longer than a second.
 
-        Raises ChangedError where the package has another key now, ConflictError where packages do
-        not know a setting of the asset, LimitError where it is larger than the packages that are
-        kept may be, HostMemoryError and HostBusyError for lack of memory, and what the job fails
-        with meanwhile.
+        key: of the package that the caller has begun to read.  begin: start that job; otherwise
+        None where there is neither a package nor a job.
+
+        Raises ChangedError where the package has another key now, ConflictError where packages
+        cannot hold a setting of the asset, LimitError where it is larger than all packages together
+        may be, HostMemoryError and HostBusyError for lack of memory, and the error that the job
+        fails with meanwhile.
         """
 
 

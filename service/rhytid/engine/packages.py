@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from typing_extensions import override
+
 from rhytid.engine.assets.asset import Asset, AssetRegistry
 from rhytid.engine.assets.service import AssetService
 from rhytid.engine.byte_budget import ByteBudget
@@ -16,6 +18,7 @@ from rhytid.engine.job import Job
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.keys import package_key
 from rhytid.engine.messages import JobInfo, Package
+from rhytid.engine.operations import Packages
 from rhytid.engine.tiles.service import TileService
 from rhytid.errors import (
     CancelledError,
@@ -59,7 +62,7 @@ class _Source:
     tiles: TileService
 
 
-class PackageService:
+class PackageService(Packages):
     """Gives the packages of ready assets; makes those that do not exist yet.
 
     memory: the budget that holds what making a package takes.
@@ -79,20 +82,10 @@ class PackageService:
         self._lock = threading.Lock()
         self._unfinished: dict[str, _PackageJob] = {}
 
+    @override
     def of(
         self, asset: str, levels: int = 1, key: str | None = None, begin: bool = True
     ) -> Package | JobInfo | None:
-        """The package of an asset with `levels` levels of its maps; the job that makes it, where
-        that takes longer than a second.
-
-        key: of the package that the caller has begun to read.  begin: start that job; otherwise
-        None where there is neither a package nor a job.
-
-        Raises ChangedError where the package has another key now, ConflictError where packages
-        cannot hold a setting of the asset, LimitError where it is larger than all packages together
-        may be, HostMemoryError and HostBusyError for lack of memory, and the error that the job
-        fails with meanwhile.
-        """
         found = self._assets.get(asset)
         while True:
             found.check_ready()

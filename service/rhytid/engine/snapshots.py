@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from typing_extensions import override
+
 from rhytid.engine.assets.asset import AssetRegistry
 from rhytid.engine.messages import AssetInfo
+from rhytid.engine.operations import Snapshots
 from rhytid.engine.restored_assets import RestoredAssets
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.storage.snapshots import Readable, Snapshot
 from rhytid.storage.store import AssetStore
 
 
-class SnapshotService:
+class SnapshotService(Snapshots):
     """Writes ready assets as files, and takes such files in; nothing is synthesised."""
 
     def __init__(
@@ -23,17 +26,13 @@ class SnapshotService:
         self._assets, self._store = registry, store
         self._restored, self._shared = restored, shared
 
+    @override
     def of(self, asset: str) -> Snapshot:
-        """A ready asset as a file, which is the caller's to close."""
         self._assets.get(asset).check_ready()
         return self._store.snapshots.of(asset)
 
+    @override
     def restore(self, stream: Readable, nbytes: int) -> tuple[AssetInfo, bool]:
-        """The asset of a snapshot of `nbytes` bytes, and whether it is new here.
-
-        An asset that is known and did not fail stays as it is, its present settings too. Raises
-        SnapshotError before anything is changed; StoreFormatError where another version stored it.
-        """
         with self._store.snapshots.unpacked(stream, nbytes) as unpacked:
             asset, new = self._restored.register(unpacked, self._store.snapshots.install)
             if new:

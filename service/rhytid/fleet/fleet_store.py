@@ -23,7 +23,8 @@ from rhytid.fleet.shared_files import GIVEN, INFOS, PACKAGES, UPLOADS, SharedFil
 from rhytid.storage.homes import ASSET, ID, OVERLAY
 from rhytid.storage.manifest import StoredFile
 from rhytid.storage.records import read_overlay, write_overlay
-from rhytid.storage.shared.backend import PARTIAL, SHARED_STORE, backend_of
+from rhytid.storage.shared import backend_of
+from rhytid.storage.shared.backend import PARTIAL, SHARED_STORE
 from rhytid.storage.shared.folder_backend import holds_assets
 from rhytid.storage.shared.shared_store import SharedStore
 from rhytid.storage.snapshots import Snapshot, SnapshotIndex, unpack

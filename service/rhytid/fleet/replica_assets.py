@@ -57,7 +57,7 @@ class ReplicaAssets:
     def create(
         self, new: NewAsset, gone: str, *, strict: bool = False, allow: Collection[str] = ()
     ) -> AssetInfo:
-        """As `AssetService.create`; the upload is kept until the asset is shared."""
+        """Create an asset; the upload is kept until the asset is shared."""
         asset = content_id(new)
         with self.loaded.using(asset, gone, mend=True):
             info = self._engine.assets.create(new, strict=strict, allow=allow)
@@ -69,21 +69,21 @@ class ReplicaAssets:
         return info
 
     def change(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
-        """As `AssetService.change`, for every replica."""
+        """Change the settings of an asset, for every replica."""
         with self.loaded.changing(asset):
             info = self._engine.assets.change(asset, changes)
             self.loaded.see_changed(asset)
         return info
 
     def calibrate(self, asset: str, positions: ArrayLike, **named: Any) -> JobInfo:
-        """As `AssetService.calibrate`; its settings are shared when it has ended."""
+        """Start a calibration; the settings are shared when it has ended."""
         job = self._engine.assets.calibrate(asset, positions, **named)
         self._jobs.watch(job.id, lambda ended: self._see_changed(asset))
         self._while_running(asset, job.id)  # what is watched first is done first
         return job
 
     def delete(self, asset: str, *, shared: bool = False) -> None:
-        """As `AssetService.delete`, for every replica, whether that is asked for or not."""
+        """Remove an asset for every replica, whatever `shared` says."""
         with self.loaded.changing(asset):
             sent = self._files.owner(asset)
             try:
@@ -96,7 +96,7 @@ class ReplicaAssets:
             self.loaded.forget(asset)
 
     def package(self, asset: str, *arguments: Any, **named: Any) -> Package | JobInfo | None:
-        """As `PackageService.of`; the file lies in the shared store."""
+        """The package of an asset, with its file in the shared store, or the job that makes it."""
         found = self._engine.packages.of(asset, *arguments, **named)
         if isinstance(found, JobInfo):
             self._while_running(asset, found.id)

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from numpy.typing import ArrayLike
+from typing_extensions import override
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Expressions
@@ -33,6 +34,7 @@ from rhytid.engine.messages import (
     JobInfo,
     NewAsset,
 )
+from rhytid.engine.operations import Assets
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.errors import NotFoundError, SettingsError
 from rhytid.pipeline.stretch import r_max_of
@@ -41,7 +43,7 @@ from rhytid.storage.store import AssetStore
 T = TypeVar("T")
 
 
-class AssetService:
+class AssetService(Assets):
     """Creates assets from uploads; describes, changes, calibrates and removes them."""
 
     def __init__(
@@ -58,6 +60,7 @@ class AssetService:
         self._store, self._shared = store, shared
         self._builder, self._jobs = builder, jobs
 
+    @override
     def create(
         self,
         new: NewAsset,
@@ -66,48 +69,24 @@ class AssetService:
         allow: Collection[str] = (),
         hold: Hold | None = None,
     ) -> AssetInfo:
-        """Take a mesh in; the build runs as a job. The same content again: the same asset.
-
-        Named shapes are kept beside it, in place of those that came before.
-
-        The answer warns of the mesh, of the frames that came with it, of settings of a known asset
-        that were changed since, and of those without effect. strict: raise StrictError instead,
-        before anything is kept, of warnings whose codes are not in `allow`.  hold: counts the bytes
-        of the frames already, as far as it has any; the job that stores them takes these over.
-
-        Raises GraphError where a given graph does not fit the mesh or was made for another, unless
-        `force`; SettingsError where its lengths are of a unit that cannot be converted, or a graph
-        is to be grown in one that is not known; LimitError where it covers too many texels or its
-        maps take too long to draw, QueryError for a code of `allow` that there is not, MeshError
-        where the mesh has no UV inside the range of UDIMs, InputError where a painted map is of a
-        UDIM without mesh or `graph.lines` asks for expressions and none came, what `check_amount`
-        does.
-        """
         asset, warnings = self._creation.take(new, strict, allow, hold)
         info = asset.info()
         return replace(info, warnings=(*info.warnings, *warnings))
 
+    @override
     def all(self) -> list[AssetInfo]:
-        """Describes every asset."""
         return [asset.info() for asset in self._assets.all()]
 
+    @override
     def info(self, asset: str) -> AssetInfo:
-        """Describes one asset."""
         return self._assets.get(asset).info()
 
+    @override
     def dimensions(self, asset: str) -> AssetDimensions:
-        """The sizes of an asset, in whatever state it is."""
         return self._assets.get(asset).dimensions
 
+    @override
     def change(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
-        """Change response, shape, depth, angles, preset, bins or convolve, with which tiles and
-        keys change, or the name, on which nothing depends.
-
-        A `preset` sets the bins but for `r_max`; keys of `bins` beside it override it. None for
-        `depth`, `convolve.sigma` or `shape.wave_frequency` means the default again: the value in
-        the file of a given graph, else a value in proportion to the spacing. Raises SettingsError
-        for settings that cannot be changed.
-        """
         found = self._assets.get(asset)
         found.check_ready()
         for key in changes:
@@ -132,12 +111,8 @@ class AssetService:
         settings = replace(found.settings, resolution=resolution, tile_size=side, graph=grown)
         return self.create(NewAsset(stored.mesh, settings, graph, stiffness=stored.stiffness))
 
+    @override
     def delete(self, asset: str, *, shared: bool = False) -> None:
-        """Remove an asset from memory, device and disk, and cancel its jobs.
-
-        shared: remove it from the shared store, too, even if it is there alone; otherwise it stays
-        there. Raises QueryError where there is no shared store.
-        """
         found = self._assets.find(asset)
         if found is not None:
             self._delete(found)
@@ -147,14 +122,8 @@ class AssetService:
         elif found is None:
             raise NotFoundError(f"no asset {asset!r}")
 
+    @override
     def follow(self, asset: str, *, replace: bool) -> FollowedAsset | None:
-        """Have an asset as the shared store has it, where another machine has changed it there; one
-        that builds, or was changed here and not pushed since, stays as it is.
-
-        None, and nothing is done, where more than its settings differs, unless `replace`: then it
-        is fetched anew, without its frames. Raises NotFoundError where it was removed there, and
-        here it is removed then, too; what the shared store raises.
-        """
         self._shared.look_anew(asset)
         found = self._assets.find(asset)
         if found is not None and not self._followed(found, replace):
@@ -167,9 +136,8 @@ class AssetService:
             manifest = self._shared.manifest(asset) if now.state == "ready" else ""
             return FollowedAsset(now.info(), manifest, replaced=now is not found)
 
+    @override
     def leave(self, asset: str) -> bool:
-        """Drop an asset and its frames from this machine, where the shared store has it whole and
-        nobody uses it; whether it is not here now."""
         found = self._assets.find(asset)
         return found is None or self._shared.leave(found)
 
@@ -203,9 +171,8 @@ class AssetService:
         found.frames.close()
         self._on_device.drop(found)
 
+    @override
     def content(self, asset: str) -> AssetContent:
-        """The key and the size of what `graph`, `mesh` and `curves` of a ready asset return now;
-        reads none of these."""
         found = self._assets.get(asset)
         found.check_ready()
         files = self._store.contents(asset)
@@ -214,9 +181,8 @@ class AssetService:
         key = content_key(asset, digests, found.settings.length_unit, lengths)
         return AssetContent(key, sum(file.nbytes for file in files.values()))
 
+    @override
     def graph(self, asset: str) -> WrinkleGraph:
-        """The wrinkle graph of a ready asset, with the seed and the lengths that it is drawn with
-        now."""
         found = self._assets.get(asset)
         found.check_ready()
         stored = self._store.asset(asset)
@@ -225,20 +191,17 @@ class AssetService:
         origin = GraphOrigin.of(stored.mesh, settings.length_unit, lengths, settings.graph.start)
         return replace(stored.graph, origin=origin)
 
+    @override
     def mesh(self, asset: str) -> Mesh:
-        """The neutral mesh of a ready asset, out of the store."""
         self._assets.get(asset).check_ready()
         return self._store.mesh(asset)
 
+    @override
     def shapes(self, asset: str) -> Expressions:
-        """The named shapes that came with the mesh of a ready asset, out of the store.
-
-        Raises NotFoundError where none came.
-        """
         return self._of_shapes(asset, self._store.shapes)
 
+    @override
     def shapes_nbytes(self, asset: str) -> int:
-        """Bytes of the shapes that `shapes` returns, which are not read; raises what it raises."""
         return self._of_shapes(asset, self._store.shapes_nbytes)
 
     def _of_shapes(self, asset: str, find: Callable[[str], T]) -> T:
@@ -255,15 +218,15 @@ class AssetService:
         self._assets.get(asset).check_ready()
         return self._store.asset(asset).stiffness is not None
 
+    @override
     def curves(self, asset: str) -> Curves:
-        """The wrinkles of a ready asset as lines in space; wrinkles with an end off the mesh are
-        left out."""
         resident = self._on_device.loaded(self._assets.get(asset))
         stored = self._store.asset(asset)
         triangles = len(stored.mesh.faces)
         placed = with_triangles(stored.graph, resident.mesh.pore_triangle, triangles)
         return graph_curves(stored.mesh, placed)
 
+    @override
     def calibrate(
         self,
         asset: str,
@@ -272,11 +235,6 @@ class AssetService:
         strict: bool = False,
         allow: Collection[str] = (),
     ) -> JobInfo:
-        """Set r_max from a frame (section 2.4) and make the bins anew, as a job.
-
-        The job warns of the frame; strict: raise StrictError instead, unless the code of every
-        warning is in `allow`.
-        """
         found = self._assets.get(asset)
         found.check_ready()
         name = "frame of the calibration"

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import override
 
 from rhytid.device.figures import spent_on
 from rhytid.device.runtime import Device
@@ -17,6 +18,7 @@ from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import Frame
 from rhytid.engine.keys import map_key
 from rhytid.engine.messages import DrawnTile, MapQuery, Tile, TileDescription, TilePlan
+from rhytid.engine.operations import Tiles
 from rhytid.engine.tiles.batcher import TileBatcher
 from rhytid.engine.tiles.maps import MapDrawing
 from rhytid.errors import NotFoundError
@@ -26,7 +28,7 @@ from rhytid.pipeline.reach import SCALE_LIMIT
 from rhytid.support.build_identity import drawing_version
 
 
-class TileService:
+class TileService(Tiles):
     """Plans and draws tiles and maps of assets."""
 
     def __init__(
@@ -53,16 +55,16 @@ class TileService:
         """How many callers wait for a drawing of another caller."""
         return self._batcher.joined + self._maps.joined
 
+    @override
     def describe(
         self, asset: str, frame: str | Frame, query: MapQuery, place: TileAddress | MapAddress
     ) -> TileDescription:
-        """What would be drawn; nothing is."""
         return self._plan(asset, frame, query, place).description
 
+    @override
     def draw(
         self, asset: str, frame: str | Frame, query: MapQuery, place: TileAddress | MapAddress
     ) -> DrawnTile:
-        """The displacement of a tile or of a whole level of a UDIM."""
         plan = self._plan(asset, frame, query, place)
         return DrawnTile(
             plan.draw(), plan.description, self._key_now(asset, frame, query, str(place))
@@ -115,11 +117,12 @@ class TileService:
         frame = self._assets.get(asset).checked(positions)
         return [self._plan(asset, frame, query, address) for address in addresses]
 
+    @override
     def bins(self, asset: str) -> BinManifest:
-        """Describes the precomputed maps of an asset (section 2.4)."""
         found = self._assets.get(asset)
         return self._on_device.loaded(found).bins.manifest()
 
+    @override
     def bin_tile(
         self,
         asset: str,
@@ -128,14 +131,6 @@ class TileService:
         bin: int | None = None,
         sample: int | None = None,
     ) -> NDArray[np.integer]:
-        """(n, n) int8 or int16 codes of one precomputed map tile; displacement = code * step.
-
-        bin, sample: needed where the layer has more than one. Of the cushions, n is the number of
-        samples under the tile, with the apron around them.
-
-        Raises NotFoundError above level 0, since precomputed maps have no coarser levels, only
-        tiles blended from them; QueryError where bin or sample is missing.
-        """
         found = self._assets.get(asset)
         found.check_address(address)
         if address.level > 0:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Protocol
 
 from rhytid.errors import (
-    InputError,
     RhytidError,
     SharedDamageError,
     SharedStoreError,
@@ -24,8 +23,6 @@ MANIFESTS, OBJECTS, PARTIAL = "manifests", "objects", "partial"
 SHARED_STORE = FolderKind("rhytid shared store", format=1, folders=(MANIFESTS, OBJECTS, PARTIAL))
 # What the objects of an asset are called: by their SHA-256.
 OBJECT = re.compile(r"[0-9a-f]{64}", re.ASCII)
-_SCHEME = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+://")
-_BUCKET = re.compile(r"s3://[a-z0-9][a-z0-9.-]{1,61}[a-z0-9](?:/[^/]+)*/?")
 
 
 @dataclass(frozen=True)
@@ -94,22 +91,6 @@ class Backend(Protocol):
 
     def remove(self, name: str) -> bool:
         """Remove an object, if it is there; whether it was."""
-
-
-def backend_of(text: str) -> Backend:
-    """The place that an option names: the path of a folder, or s3://BUCKET/PREFIX.
-
-    Raises InputError where it is neither, or the extra that it needs is missing.
-    """
-    if not _SCHEME.match(text):
-        from rhytid.storage.shared.folder_backend import FolderBackend
-
-        return FolderBackend(Path(text))
-    if not _BUCKET.fullmatch(text):
-        raise InputError(f"shared store {text!r}: must be a folder, or like s3://bucket/prefix")
-    from rhytid.storage.shared.bucket_backend import BucketBackend
-
-    return BucketBackend(text)
 
 
 def damaged(place: object, name: str, why: str) -> SharedDamageError:

@@ -8,9 +8,11 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
 
+from typing_extensions import override
+
 from rhytid.domain.wording import install_hint
 from rhytid.errors import InputError, SharedStoreError
-from rhytid.storage.shared.backend import SHARED_STORE, Found, reached, too_large
+from rhytid.storage.shared.backend import SHARED_STORE, Backend, Found, reached, too_large
 from rhytid.support import cancellation
 from rhytid.support.atomic_files import sync_file
 
@@ -24,7 +26,7 @@ _PART, _AT_ONCE = 16 << 20, 2
 _MARKER = 1 << 16
 
 
-class BucketBackend:
+class BucketBackend(Backend):
     """Objects of a bucket, below a prefix, by fsspec and s3fs.
 
     An object is visible once all of it was sent. Keys, region and endpoint are those that other
@@ -42,14 +44,14 @@ class BucketBackend:
     def __str__(self) -> str:
         return self._url
 
+    @override
     def check(self) -> None:
-        """As `Backend.check`."""
         with reached(f"{self} cannot be read"):
             # Asks for one object: a prefix may hold many.
             self._small.call_s3("list_objects_v2", Bucket=self._bucket, MaxKeys=1)
 
+    @override
     def claim(self) -> None:
-        """As `Backend.claim`."""
         data = self.read(SHARED_STORE.marker, _MARKER)
         if data is not None:
             SHARED_STORE.reads(data, self)
@@ -57,14 +59,14 @@ class BucketBackend:
         with suppress(SharedStoreError):  # it may only be read
             self.write(SHARED_STORE.marker, SHARED_STORE.text())
 
+    @override
     def find(self, name: str) -> Found | None:
-        """As `Backend.find`."""
         with reached(f"{self._path(name)} cannot be read"), suppress(FileNotFoundError):
             return _found(self._small.info(self._path(name), refresh=True))
         return None
 
+    @override
     def read(self, name: str, most: int) -> bytes | None:
-        """As `Backend.read`."""
         found = self.find(name)
         if found is not None and found.nbytes > most:
             raise too_large(self, name, found.nbytes, most)
@@ -72,8 +74,8 @@ class BucketBackend:
             return bytes(self._small.cat_file(self._path(name)))
         return None
 
+    @override
     def fetch(self, name: str, to: Path) -> bool:
-        """As `Backend.fetch`."""
         with reached(f"{self._path(name)} cannot be fetched"):
             try:
                 self._files.get_file(self._path(name), str(to), callback=_asking())
@@ -82,17 +84,17 @@ class BucketBackend:
             sync_file(to)
         return True
 
+    @override
     def write(self, name: str, data: bytes) -> None:
-        """As `Backend.write`."""
         with reached(f"{self._path(name)} cannot be written"):
             self._files.pipe_file(self._path(name), data)
 
+    @override
     def local(self, name: str) -> Path | None:
-        """As `Backend.local`."""
         return None
 
+    @override
     def send(self, name: str, source: Path) -> None:
-        """As `Backend.send`."""
         with reached(f"{self._path(name)} cannot be written"):
             self._files.put_file(
                 str(source),
@@ -102,15 +104,15 @@ class BucketBackend:
                 max_concurrency=_AT_ONCE,
             )
 
+    @override
     def put(self, name: str, pieces: Iterable[bytes | memoryview]) -> None:
-        """As `Backend.put`."""
         with reached(f"{self._path(name)} cannot be written"), NamedTemporaryFile() as aside:
             aside.writelines(pieces)
             aside.flush()
             self.send(name, Path(aside.name))
 
+    @override
     def create(self, name: str, data: bytes) -> bool:
-        """As `Backend.create`."""
         with reached(f"{self._path(name)} cannot be written"):
             try:
                 self._files.pipe_file(self._path(name), data, mode="create")
@@ -118,20 +120,20 @@ class BucketBackend:
                 return False
         return True
 
+    @override
     def names(self, folder: str) -> list[str]:
-        """As `Backend.names`."""
         return list(self.found(folder))
 
+    @override
     def found(self, folder: str) -> dict[str, Found]:
-        """As `Backend.found`."""
         with reached(f"{self._path(folder)} cannot be listed"), suppress(FileNotFoundError):
             listed = self._small.ls(self._path(folder), detail=True, refresh=True)
             files = {str(one["name"]).rpartition("/")[2]: one for one in listed}
             return {name: _found(files[name]) for name in sorted(files)}
         return {}
 
+    @override
     def remove(self, name: str) -> bool:
-        """As `Backend.remove`."""
         known = self.find(name) is not None
         with reached(f"{self._path(name)} cannot be removed"), suppress(FileNotFoundError):
             self._files.rm_file(self._path(name))

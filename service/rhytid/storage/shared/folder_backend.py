@@ -11,6 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+from typing_extensions import override
+
 from rhytid.errors import InputError, SharedStoreError, StorageError, StoreFormatError
 from rhytid.storage.homes import ID
 from rhytid.storage.shared.backend import (
@@ -19,6 +21,7 @@ from rhytid.storage.shared.backend import (
     OBJECTS,
     PARTIAL,
     SHARED_STORE,
+    Backend,
     Found,
     damaged,
     reached,
@@ -45,7 +48,7 @@ _PIECE = 1 << 20
 _MANIFEST = re.compile(ID.pattern + r"\.json", re.ASCII)
 
 
-class FolderBackend:
+class FolderBackend(Backend):
     """Objects as files below a folder, written aside in its `partial` and renamed.
 
     Files and folders are for their owner alone; where the group of the folder may write into it,
@@ -89,40 +92,40 @@ class FolderBackend:
                     atomic_files.claim(self._folder, SHARED_STORE, holds_assets)
                     self._claimed = True
 
+    @override
     def find(self, name: str) -> Found | None:
-        """As `Backend.find`."""
         return self._looked(name, _plain)
 
+    @override
     def read(self, name: str, most: int) -> bytes | None:
-        """As `Backend.read`."""
         return self._looked(name, lambda path: self._bounded(name, path, most))
 
+    @override
     def fetch(self, name: str, to: Path) -> bool:
-        """As `Backend.fetch`."""
         if self._looked(name, lambda path: _copy_plain(path, to)) is None:
             return False
         with reached(f"{to} cannot be written"):
             sync_file(to)
         return True
 
+    @override
     def write(self, name: str, data: bytes) -> None:
-        """As `Backend.write`."""
         self._install(name, lambda aside: write_file(aside, data))
 
+    @override
     def local(self, name: str) -> Path | None:
-        """As `Backend.local`."""
         return self._folder / name
 
+    @override
     def send(self, name: str, source: Path) -> None:
-        """As `Backend.send`."""
         self._install(name, partial(copy_file, source))
 
+    @override
     def put(self, name: str, pieces: Iterable[bytes | memoryview]) -> None:
-        """As `Backend.put`."""
         self._install(name, lambda aside: write_pieces(aside, pieces))
 
+    @override
     def create(self, name: str, data: bytes) -> bool:
-        """As `Backend.create`."""
         path = self._folder / name
         with reached(f"{path} cannot be written"):
             self.claim()
@@ -140,13 +143,13 @@ class FolderBackend:
             restrict(path, group=group)
         return True
 
+    @override
     def names(self, folder: str) -> list[str]:
-        """As `Backend.names`."""
         found = self._looked(folder, lambda path: sorted(file.name for file in path.iterdir()))
         return found or []
 
+    @override
     def found(self, folder: str) -> dict[str, Found]:
-        """As `Backend.found`."""
         return self._looked(folder, _plain_files) or {}
 
     def remove(self, name: str) -> bool:

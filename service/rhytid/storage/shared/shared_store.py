@@ -34,7 +34,8 @@ from rhytid.errors import (
 from rhytid.storage.canonical import check_format, parse_hashed
 from rhytid.storage.homes import ID, checked_id
 from rhytid.storage.manifest import StoredFile
-from rhytid.storage.shared.backend import MANIFESTS, OBJECT, OBJECTS, Backend, backend_of, damaged
+from rhytid.storage.shared import backend_of
+from rhytid.storage.shared.backend import MANIFESTS, OBJECT, OBJECTS, Backend, damaged
 from rhytid.storage.snapshots import FORMAT, LONGEST_INDEX, Snapshot, SnapshotIndex, sealed
 from rhytid.support.atomic_files import remove_tree
 from rhytid.support.build_identity import drawing_version
