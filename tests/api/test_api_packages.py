@@ -18,7 +18,7 @@ from api.fake_engine import FakeEngine
 from api.fake_packages import FILES, archive
 from api.live import serving
 from api.patch import obj, upload
-from engine_process.served import await_value
+from processes.served import await_value
 from rhytid.api.access import Caller
 from rhytid.api.admission import JobShares
 from rhytid.api.routes.packages import KEY, OpenPackage, byte_range, opened

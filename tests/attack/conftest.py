@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from engine_process.served import faults
+from processes.served import faults
 
 __all__ = ["faults"]

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import httpx
 
-from engine_process.served import LISTENS, LONG, await_value
+from processes.served import LISTENS, LONG, await_value
 
 __all__ = ["Attacked", "Peak", "await_value", "resident", "serving"]
 

@@ -10,7 +10,7 @@ import pytest
 
 from api.asking import NPY, npy
 from api.patch import obj, smile, upload
-from engine_process.served import Served, await_value, serving
+from processes.served import Served, await_value, serving
 
 pytestmark = pytest.mark.attack
 METHODS = ("redraw", "binned", "convolved")

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from api.patch import obj, positions
 from attack.bombs import TRIANGLE, grey_png, images
-from decoding.test_decoding import read
 from exr_images import exr
 from formats import writers
 from formats.test_format_graph import ARRAYS, METADATA, OPTIONAL
+from processes.decoding.test_decoding import read
 from rhytid.api.multipart import PartReader
 from rhytid.api.spool import Spool
 from rhytid.api.uploads import decode_json

@@ -15,13 +15,13 @@ from rhytid.baking.frame_names import FrameRange
 from rhytid.baking.frames import FrameFiles
 from rhytid.baking.output import BakeRecord, Output
 from rhytid.baking.run_warnings import RunWarnings
-from rhytid.console import Stopwatch
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import StorageError, StrictError
 from rhytid.exports.textures.profiles import profiles_of
 from rhytid.formats.exr import read_exr
 from rhytid.formats.meshes import MeshFile
+from rhytid.support.console import Stopwatch
 
 SQUARE = Mesh(
     positions=[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]],

@@ -10,9 +10,9 @@ from PIL import Image
 
 from cli.running import write_neutral
 from meshes import SmallMesh
-from rhytid import console
 from rhytid.cli import main
 from rhytid.formats.graphs import read_graph
+from rhytid.support import console
 
 pytestmark = pytest.mark.release
 

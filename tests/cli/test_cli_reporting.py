@@ -11,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from rhytid import console
-from rhytid.console import (
+from rhytid.domain.wording import plural, waiting_requests
+from rhytid.support import console
+from rhytid.support.console import (
     Stopwatch,
     Verbosity,
     counted,
@@ -25,7 +26,6 @@ from rhytid.console import (
     use_verbosity,
     working,
 )
-from rhytid.domain.wording import plural, waiting_requests
 from rhytid_client import Job
 from rhytid_lab.commands.demo_session import StepClock, key_frames
 

@@ -12,7 +12,6 @@ from cli.running import only_asset, write_animation
 from meshes import SmallMesh
 from rhytid.baking.assets import fetch
 from rhytid.cli import main
-from rhytid.console import Stopwatch
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
@@ -21,6 +20,7 @@ from rhytid.errors import SharedStoreError
 from rhytid.storage import AssetStore
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
+from rhytid.support.console import Stopwatch
 from rhytid.support.settings import ServiceSettings
 from storage.backends import new_folder
 from storage.conftest import folder, graph, mesh, settings, store

@@ -11,10 +11,10 @@ from rhytid.api.multipart import Part
 from rhytid.api.routes.assets import new_asset
 from rhytid.api.spool import Spool
 from rhytid.cli import main
-from rhytid.decoding.decoder import Decoder
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.errors import InputError
 from rhytid.formats.graphs import read_graph
+from rhytid.processes.decoding.decoder import Decoder
 from rhytid_client import Client, RequestError
 from synthesis import sheets
 

@@ -14,9 +14,9 @@ import pytest
 
 from engine.engines import REDRAW, built, draw, new_asset, rest, running
 from engine.test_engine_shared import FIRST, jobs
-from engine_process.served import await_value
 from meshes import deform
 from pipeline.scenes import sheet
+from processes.served import await_value
 from rhytid.domain.expressions import Expressions
 from rhytid.engine.assets.builder import AssetBuilder
 from rhytid.engine.engine import Engine

@@ -16,8 +16,8 @@ from rhytid.engine.operations import OPERATIONS, Operation, Proxy
 from rhytid.engine.packages import PackageService
 from rhytid.engine.snapshots import SnapshotService
 from rhytid.engine.tiles.service import TileService
-from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.fleet.ray_engine import RayEngine
+from rhytid.processes.remote_engine import RemoteEngine
 
 REAL = {
     "": engine.Engine,

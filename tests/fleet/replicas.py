@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
-from engine_process.served import alive
+from processes.served import alive
 
 
 def replicas(fleet: Any) -> dict[str, int]:

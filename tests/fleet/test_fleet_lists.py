@@ -13,13 +13,13 @@ import pytest
 from fleet.test_fleet_files import STRANGE
 from fleet.test_fleet_loaded import Engine, Frames, Shared, store_of
 from rhytid.engine.operations import OPERATIONS
-from rhytid.engine_process.envelope import Request
 from rhytid.errors import NotFoundError, SharedDamageError
 from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.fleet_assets import SharedCalls
 from rhytid.fleet.frame_versions import FrameVersions
 from rhytid.fleet.jobs import JobNames
 from rhytid.fleet.loaded_assets import LoadedAssets
+from rhytid.processes.envelope import Request
 
 MOST = 64
 

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from engine.engines import new_asset, rest, running
-from engine_process.served import await_value
+from processes.served import await_value
 from rhytid.engine import call_context
 from rhytid.engine.assets.builder import AssetBuilder
 from rhytid.engine.engine import Engine

@@ -16,7 +16,6 @@ import pytest
 from rhytid.engine.call_context import drawn_live, is_live
 from rhytid.engine.messages import JobInfo
 from rhytid.engine.operations import OPERATIONS
-from rhytid.engine_process.envelope import Answer, Envelope, Request
 from rhytid.errors import NotFoundError, SettingsError
 from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.envelopes import Addressed, ElsewhereError, Parcel
@@ -27,6 +26,7 @@ from rhytid.fleet.local_place import LocalPlace
 from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.replica import EngineReplica
 from rhytid.fleet.router import replica_order
+from rhytid.processes.envelope import Answer, Envelope, Request
 
 ASSET = "0123456789abcdef"
 NAMES = [f"replica{number}" for number in range(10)]

@@ -27,9 +27,9 @@ from api.asking import NPY, array_of, built, npy
 from api.live import serving
 from api.patch import obj, smile, upload
 from engine.engines import new_asset, running
-from engine_process.served import await_value
 from fleet.replicas import replica_of, replicas, sent_to
 from live.speaker import speaking
+from processes.served import await_value
 from rhytid.errors import DeviceLostError
 from rhytid.fleet.app import NAME, REPLICAS, deployment
 from rhytid.fleet.options import FleetOptions

@@ -32,19 +32,17 @@ ALLOWED = {
     "storage": _TOOLS,
     "exports": _FACTS | {"formats", "pipeline"},
     "engine": _TOOLS | _WORK | {"exports"},
-    "engine_process": _TOOLS | {"engine", "storage"},
-    "decoding": _FACTS | {"formats", "engine", "engine_process"},
-    "fleet": _TOOLS | {"api", "decoding", "engine", "engine_process", "storage"},
-    "api": _TOOLS | {"decoding", "engine", "engine_process", "exports", "storage"},
-    "console": {"errors", "support"},
-    "baking": _TOOLS | {"console", "engine", "exports", "meshes", "storage", "synthesis"},
+    "processes": _TOOLS | {"engine", "storage"},
+    "fleet": _TOOLS | {"api", "engine", "processes", "storage"},
+    "api": _TOOLS | {"engine", "exports", "processes", "storage"},
+    "baking": _TOOLS | {"engine", "exports", "meshes", "storage", "synthesis"},
     "cli": _TOOLS
     | _WORK
-    | {"api", "baking", "console", "engine", "engine_process", "fleet"}
+    | {"api", "baking", "engine", "fleet", "processes"}
     | {"exports", "meshes", "pictures"},
 }
 # Modules of `rhytid.support` that only what runs a service may import: the rest is told.
-SERVICES = {"baking", "engine", "engine_process", "decoding", "fleet", "api", "cli", "support"}
+SERVICES = {"api", "baking", "cli", "engine", "fleet", "processes", "support"}
 OF_SERVICES = ("rhytid.support.settings", "rhytid.support.logs")
 # The only parts that may import a package from outside; other packages are free.
 ONLY_IN = {
@@ -68,7 +66,7 @@ ENVIRONMENT = (
     "device/caches.py",
     "device/driver.py",
     # Hands it on to the child, with the number of heaps.
-    "engine_process/device_process.py",
+    "processes/device_process.py",
 )
 
 

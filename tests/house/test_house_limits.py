@@ -20,12 +20,12 @@ from rhytid.api import (
 )
 from rhytid.api.live import drawing, session, wire
 from rhytid.api.server import connections, web_sockets
-from rhytid.decoding import decoder, limits
 from rhytid.domain import expressions, painted_maps, view
 from rhytid.engine import byte_budget
 from rhytid.engine.jobs import LANES
 from rhytid.formats import limits as format_limits
 from rhytid.formats import npz, obj
+from rhytid.processes.decoding import decoder, limits
 from rhytid.support.settings import ServiceSettings
 
 PAGE = (ROOT / "docs/reference/limits.md").read_text()

@@ -43,8 +43,8 @@ from rhytid.api.routes import (
 )
 from rhytid.api.routes.packages import KEY
 from rhytid.api.tracing import tracer
-from rhytid.decoding.decoder import Decoder
 from rhytid.engine.byte_budget import ByteBudget
+from rhytid.processes.decoding.decoder import Decoder
 from rhytid.support.settings import ServiceSettings
 
 if TYPE_CHECKING:

@@ -22,10 +22,10 @@ from rhytid.api.multipart import Part
 from rhytid.api.request_memory import RequestMemory
 from rhytid.api.schemas import ALLOW, CODE, STRICT
 from rhytid.api.spool import Spool
-from rhytid.decoding.decoder import Decoder
 from rhytid.device.figures import Figures
 from rhytid.errors import QueryError
 from rhytid.formats.frames import read_positions
+from rhytid.processes.decoding.decoder import Decoder
 
 if TYPE_CHECKING:
     from rhytid.engine.operations import Engine

@@ -10,7 +10,6 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from rhytid.baking.run_warnings import RunWarnings
-from rhytid.console import Stopwatch, note, share_bar, working
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.notices import LARGE_BUILD
@@ -23,6 +22,7 @@ from rhytid.errors import (
     SharedDamageError,
     SharedStoreError,
 )
+from rhytid.support.console import Stopwatch, note, share_bar, working
 from rhytid.support.settings import ServiceSettings
 from rhytid.synthesis.build_size import BuildSize
 from rhytid.synthesis.capacity import check_amount

@@ -14,10 +14,10 @@ from rhytid.baking.farm.openjd_bundle import write_job
 from rhytid.baking.inputs import BakeInputs
 from rhytid.baking.request import BakeRequest, BakeSummary
 from rhytid.baking.run_warnings import RunWarnings
-from rhytid.console import Stopwatch, make_folder, note
 from rhytid.domain.wording import plural
 from rhytid.engine.engine import Engine
 from rhytid.support.atomic_files import sweep
+from rhytid.support.console import Stopwatch, make_folder, note
 from rhytid.support.settings import ServiceSettings
 from rhytid.support.temporary_folders import temporary_folder
 

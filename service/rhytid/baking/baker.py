@@ -17,7 +17,6 @@ from rhytid.baking.frame_names import FramePlace
 from rhytid.baking.frames import FrameFiles
 from rhytid.baking.output import BakeRecord, Output
 from rhytid.baking.run_warnings import RunWarnings
-from rhytid.console import Stopwatch, counted, detail
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import AssetInfo, MapQuery
 from rhytid.exports.displaced import Subdivided
@@ -27,6 +26,7 @@ from rhytid.exports.textures.profiles import Profile
 from rhytid.exports.textures.tangents import Posed
 from rhytid.exports.textures.writers import corner_weights
 from rhytid.support.atomic_files import atomic_write, write_file
+from rhytid.support.console import Stopwatch, counted, detail
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.console import working
 from rhytid.domain.expressions import Expressions, evenly_spaced
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import ORIGIN, Centre, Mesh
@@ -29,6 +28,7 @@ from rhytid.formats.frames import read_expressions, read_frame_file
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import MeshFile
 from rhytid.formats.painted import read_controls, read_stiffness
+from rhytid.support.console import working
 
 
 def mesh_file(file: Path, clip: Clip | None = None) -> MeshFile:

@@ -11,7 +11,6 @@ from dataclasses import asdict, replace
 from tqdm import tqdm  # type: ignore[import-untyped]
 
 from rhytid.baking.frames import FrameFiles
-from rhytid.console import counted, note
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import FrameCheck, mesh_warnings
@@ -25,6 +24,7 @@ from rhytid.domain.warnings import (
 )
 from rhytid.domain.wording import plural
 from rhytid.errors import StrictError
+from rhytid.support.console import counted, note
 
 # Lines printed per code: for a long shot in the wrong unit three frames are enough.
 _LINES = 3

@@ -31,10 +31,10 @@ from rhytid.cli.options import (
 )
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.skin_options import add_skin, refuse_without_effect, skin_request
-from rhytid.console import report
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.messages import METHODS, MapQuery
 from rhytid.support.build_identity import check_drawing
+from rhytid.support.console import report
 
 # Options that say how an asset is built.
 _BUILDING = (

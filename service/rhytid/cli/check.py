@@ -19,8 +19,8 @@ from rhytid.cli.options import (
     readable,
 )
 from rhytid.cli.parser import Commands, new_command
-from rhytid.console import check_suffix, counted, make_place, report, table, working
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.support.console import check_suffix, counted, make_place, report, table, working
 
 if TYPE_CHECKING:
     from rhytid.baking.run_warnings import RunWarnings

@@ -17,8 +17,8 @@ from rhytid.cli.options import (
     prim_clip,
 )
 from rhytid.cli.parser import Commands, new_command
-from rhytid.console import check_suffix, counted, make_place, note
 from rhytid.errors import InputError
+from rhytid.support.console import check_suffix, counted, make_place, note
 
 SUMMARY = "Draw one patch of skin with every mask and setting of the look at three values each."
 DETAILS = """

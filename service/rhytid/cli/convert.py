@@ -15,9 +15,9 @@ from rhytid.cli.options import (
     readable,
 )
 from rhytid.cli.parser import Commands, new_command
-from rhytid.console import check_suffix, counted, make_place, report
 from rhytid.domain.frame import counted_frame
 from rhytid.domain.wording import plural
+from rhytid.support.console import check_suffix, counted, make_place, report
 
 SUMMARY = "Write a mesh and its animation as one npz, to send it to a server: USD, too."
 DETAILS = """

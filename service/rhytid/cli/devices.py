@@ -6,7 +6,7 @@ import argparse
 
 from rhytid.cli.options import add_json
 from rhytid.cli.parser import Commands, new_command
-from rhytid.console import report, table, working
+from rhytid.support.console import report, table, working
 from rhytid.support.settings import ServiceSettings
 
 HEADER = ("number", "kind", "units", "memory MiB", "version", "name", "platform", "used")

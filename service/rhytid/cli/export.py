@@ -23,9 +23,9 @@ from rhytid.cli.options import (
 )
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.skin_options import add_skin, refuse_without_effect, skin_request
-from rhytid.console import counted, make_folder, report, table, working
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import NotFoundError
+from rhytid.support.console import counted, make_folder, report, table, working
 from rhytid.support.temporary_folders import temporary_folder
 
 if TYPE_CHECKING:

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rhytid.cli.options import add_device, add_json
-from rhytid.console import check_suffix, detail, make_place, report, table, working
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.wording import plural
 from rhytid.errors import InputError
+from rhytid.support.console import check_suffix, detail, make_place, report, table, working
 
 if TYPE_CHECKING:
     from rhytid.device.runtime import Device

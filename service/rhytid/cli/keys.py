@@ -12,8 +12,8 @@ from pathlib import Path
 from rhytid.api.keys import COMPUTE, READ, SCOPES, ApiKey, changing, new_key, read_keys, utc_now
 from rhytid.cli.options import add_json, add_several, base_name, local_settings
 from rhytid.cli.parser import Commands, new_command
-from rhytid.console import report, table
 from rhytid.errors import InputError
+from rhytid.support.console import report, table
 
 HEADER = ("name", "id", "scopes", "made", "expires", "requests/s", "jobs")
 ACTIONS = ("create", "list", "revoke")

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 from rhytid.cli.options import add_fps, add_json, add_unit, base_name
 from rhytid.cli.parser import Commands, new_command
-from rhytid.console import note, report, table
 from rhytid.domain.wording import plural
 from rhytid.errors import InputError
+from rhytid.support.console import note, report, table
 
 if TYPE_CHECKING:
     from rhytid.exports.look import Look

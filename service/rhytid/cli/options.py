@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rhytid.baking.frame_names import FrameRange, check_file_name
-from rhytid.console import STDOUT
 from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.warnings import CODES
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS
 from rhytid.errors import InputError
 from rhytid.exports.textures import PROFILE_NAMES
 from rhytid.formats.frame_set import Clip
+from rhytid.support.console import STDOUT
 from rhytid.support.settings import ServiceSettings
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise, takewhile
 from typing import Any, NoReturn
 
-from rhytid.console import openjd_line, verbosity
+from rhytid.support.console import openjd_line, verbosity
 
 Commands = Any  # argparse._SubParsersAction has no public name
 # Options that are named to somebody who has written only their beginning.

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.cli.preview_spots import Spots, flat_spots, spot_at
-from rhytid.console import share_bar
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Folds
@@ -39,6 +38,7 @@ from rhytid.pictures.preview import (
 from rhytid.pictures.sheet import Panel, sheet
 from rhytid.pictures.surface_patch import SurfacePatch, surface_patch
 from rhytid.support.atomic_files import atomic_write
+from rhytid.support.console import share_bar
 from rhytid.synthesis.progress import Progress, part
 
 PATCH_MM = 20.0

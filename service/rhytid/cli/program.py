@@ -32,10 +32,10 @@ from rhytid.cli import (
 )
 from rhytid.cli.parser import Parser, is_for_job
 from rhytid.cli.termination import INTERRUPTED, Interruption
-from rhytid.console import Verbosity, make_place, openjd_line, use_verbosity
 from rhytid.errors import RhytidError
 from rhytid.storage.lock import known_as
 from rhytid.support.build_identity import drawing_version, revision
+from rhytid.support.console import Verbosity, make_place, openjd_line, use_verbosity
 from rhytid.support.settings import misspelt_variables
 
 COMMANDS = (

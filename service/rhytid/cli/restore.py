@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from rhytid.cli.options import add_json, add_progress, add_shared_store, add_store, readable
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.snapshot import RUNNING, SUFFIX, mirrored
-from rhytid.console import report, working
 from rhytid.errors import SnapshotError
+from rhytid.support.console import report, working
 
 if TYPE_CHECKING:
     from rhytid.storage.shared.mirror import StoreMirror

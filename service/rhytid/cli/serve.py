@@ -22,9 +22,9 @@ from rhytid.cli.options import (
 )
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.termination import TERMINATED, Terminated, end_now
-from rhytid.console import verbosity
 from rhytid.domain.wording import install_hint
 from rhytid.errors import InputError
+from rhytid.support.console import verbosity
 from rhytid.support.logs import log_to_stderr
 from rhytid.support.settings import LOG_FORMATS, ServiceSettings, misspelt_variables
 

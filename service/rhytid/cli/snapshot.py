@@ -16,8 +16,8 @@ from rhytid.cli.options import (
     service_settings,
 )
 from rhytid.cli.parser import Commands, new_command
-from rhytid.console import make_place, report, working
 from rhytid.errors import InputError
+from rhytid.support.console import make_place, report, working
 
 if TYPE_CHECKING:
     from rhytid.storage.shared.mirror import StoreMirror

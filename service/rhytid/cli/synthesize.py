@@ -19,10 +19,10 @@ from rhytid.cli.graph_output import (
 from rhytid.cli.options import add_caches, add_mesh, add_strict, add_unit, cache_clip, length_unit
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.skin_options import add_skin, skin_controls, skin_settings
-from rhytid.console import check_suffix, make_place, share_bar, working
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
 from rhytid.domain.expressions import expressions_for_lines
 from rhytid.domain.graph import GraphOrigin
+from rhytid.support.console import check_suffix, make_place, share_bar, working
 
 if TYPE_CHECKING:
     from rhytid.baking.run_warnings import RunWarnings

@@ -18,13 +18,13 @@ from rhytid.cli.options import (
     prim_clip,
 )
 from rhytid.cli.parser import Commands, new_command
-from rhytid.console import counted, detail, make_folder, report, table, working
 from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.painted_maps import MOST_TEXELS, NEUTRAL, NEUTRALS
 from rhytid.domain.tiles import mesh_udims
 from rhytid.domain.wording import plural
 from rhytid.errors import InputError
 from rhytid.formats.limits import MOST_SIDE
+from rhytid.support.console import counted, detail, make_folder, report, table, working
 
 if TYPE_CHECKING:
     from PIL import Image

@@ -14,12 +14,12 @@ from ray.serve.exceptions import BackPressureError, RayServeException
 from rhytid.engine import call_context
 from rhytid.engine.assets.upload import content_id
 from rhytid.engine.messages import NewAsset
-from rhytid.engine_process.device_process import DeviceProcess
-from rhytid.engine_process.envelope import Answer, Request
 from rhytid.errors import BusyError, CancelledError, DeviceLostError
 from rhytid.fleet.envelopes import Addressed, ElsewhereError
 from rhytid.fleet.frame_versions import FrameVersions
 from rhytid.fleet.jobs import JobNames
+from rhytid.processes.device_process import DeviceProcess
+from rhytid.processes.envelope import Answer, Request
 from rhytid.storage.homes import checked_id
 
 # How often a call is made in all, where its replica is lost each time.

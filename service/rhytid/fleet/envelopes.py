@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.engine_process.envelope import Envelope
-from rhytid.engine_process.packing import pack
 from rhytid.errors import RhytidError
+from rhytid.processes.envelope import Envelope
+from rhytid.processes.packing import pack
 
 
 @dataclass(frozen=True)

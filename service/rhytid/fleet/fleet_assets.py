@@ -13,10 +13,10 @@ from typing import Any, BinaryIO
 
 from rhytid.engine.messages import AssetInfo, JobInfo, Package
 from rhytid.engine.operations import OPERATIONS
-from rhytid.engine_process.envelope import Request
 from rhytid.errors import NotFoundError, SharedDamageError, StorageError
 from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.fleet_store import FleetStore
+from rhytid.processes.envelope import Request
 from rhytid.storage.snapshots import (
     BLOCK,
     LONGEST_INDEX,

@@ -12,11 +12,11 @@ from typing import Any, TypeVar
 
 from rhytid.domain.frame import NEUTRAL
 from rhytid.engine.operations import Frames
-from rhytid.engine_process.keyed_locks import KeyedLocks
 from rhytid.errors import ConflictError, DeviceLostError, FrameMemoryError, NotFoundError
 from rhytid.fleet.frame_registry import Positions, Stamp
 from rhytid.fleet.frame_versions import ALL, Removals
 from rhytid.fleet.remote_registry import RemoteFrameRegistry
+from rhytid.processes.keyed_locks import KeyedLocks
 
 # Seconds for which what the registry has said of an asset is taken as it was.
 FRESH = 1.0

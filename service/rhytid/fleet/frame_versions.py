@@ -7,7 +7,7 @@ from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Any
 
-from rhytid.engine_process.frame_ledger import FrameLedger
+from rhytid.processes.frame_ledger import FrameLedger
 
 _REMEMBERED = 100_000
 # Removals that are known at a time. Replicas hear of each within seconds.

@@ -15,8 +15,6 @@ from functools import partial
 from rhytid.engine import local_copies
 from rhytid.engine.messages import AssetInfo, FollowedAsset
 from rhytid.engine.shared_calls import FORGOTTEN, RecentFailures
-from rhytid.engine_process.keyed_locks import KeyedLocks
-from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import (
     FetchingError,
     NotFoundError,
@@ -27,6 +25,8 @@ from rhytid.errors import (
 from rhytid.fleet.envelopes import ElsewhereError
 from rhytid.fleet.fleet_store import FleetStore
 from rhytid.fleet.frame_sync import FrameSync
+from rhytid.processes.keyed_locks import KeyedLocks
+from rhytid.processes.remote_engine import RemoteEngine
 
 # Seconds to wait until nobody uses an asset any more, of which other files are there now.
 PATIENCE = 60.0

@@ -12,9 +12,6 @@ from rhytid.device.memory import usual_host_memory
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.messages import DeviceInfo
 from rhytid.engine.operations import OPERATIONS, Proxy
-from rhytid.engine_process.envelope import Request
-from rhytid.engine_process.job_ledger import JobLedger
-from rhytid.engine_process.remote_calls import RemoteCalls, UploadHolds
 from rhytid.errors import BusyError, DeviceLostError
 from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.fleet_assets import SharedCalls
@@ -23,6 +20,9 @@ from rhytid.fleet.frame_versions import FrameVersions
 from rhytid.fleet.jobs import JobNames
 from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.remote_registry import RemoteFrameRegistry, ReplicaReports
+from rhytid.processes.envelope import Request
+from rhytid.processes.job_ledger import JobLedger
+from rhytid.processes.remote_calls import RemoteCalls, UploadHolds
 from rhytid.support.settings import ServiceSettings
 
 

@@ -15,9 +15,6 @@ from functools import partial
 from ray import serve
 
 from rhytid.device.figures import SIZE
-from rhytid.engine_process.envelope import Answer, Envelope, answered
-from rhytid.engine_process.placement import found_devices, named_devices, settings_of
-from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import DeviceLostError, RhytidError
 from rhytid.fleet.envelopes import Addressed, Parcel
 from rhytid.fleet.fleet_store import FleetStore
@@ -29,6 +26,9 @@ from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.remote_registry import RemoteFrameRegistry
 from rhytid.fleet.replica_assets import ReplicaAssets
 from rhytid.fleet.replica_calls import ReplicaCalls
+from rhytid.processes.envelope import Answer, Envelope, answered
+from rhytid.processes.placement import found_devices, named_devices, settings_of
+from rhytid.processes.remote_engine import RemoteEngine
 from rhytid.support.build_identity import drawing_version
 from rhytid.support.logs import log_to_stderr
 from rhytid.support.settings import ServiceSettings

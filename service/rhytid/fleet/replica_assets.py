@@ -13,7 +13,6 @@ from rhytid.domain.frame import counted_frame
 from rhytid.engine import call_context
 from rhytid.engine.assets.upload import content_id
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset, Package
-from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import NotFoundError
 from rhytid.fleet.fleet_assets import GivenName
 from rhytid.fleet.fleet_store import FleetStore
@@ -21,6 +20,7 @@ from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.jobs import JobNames, JobWatch, ReplicaNames
 from rhytid.fleet.loaded_assets import LoadedAssets
 from rhytid.fleet.shared_files import read_upload, written_upload
+from rhytid.processes.remote_engine import RemoteEngine
 from rhytid.storage.snapshots import OpenFile
 
 

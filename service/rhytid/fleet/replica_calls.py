@@ -9,12 +9,12 @@ import numpy as np
 
 from rhytid.engine.frames import Frame, refuse_neutral
 from rhytid.engine.messages import ENDED_STATES, AssetInfo, FrameInfo, JobInfo
-from rhytid.engine_process.envelope import Answer, Envelope
-from rhytid.engine_process.job_ledger import resumed
-from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.jobs import JobName, JobNames, ReplicaNames
 from rhytid.fleet.replica_assets import ReplicaAssets
+from rhytid.processes.envelope import Answer, Envelope
+from rhytid.processes.job_ledger import resumed
+from rhytid.processes.remote_engine import RemoteEngine
 
 
 class ReplicaCalls:

@@ -29,13 +29,13 @@ from uuid import uuid4
 
 import numpy as np
 
-from rhytid.decoding.words import read_word
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.notices import Notice
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.messages import AssetInfo, NewAsset, Package
-from rhytid.engine_process.packing import pack, places_of
 from rhytid.errors import SharedDamageError, SharedStoreError, StorageError
+from rhytid.processes.decoding.words import read_word
+from rhytid.processes.packing import pack, places_of
 from rhytid.storage.homes import ID, checked_id
 from rhytid.storage.shared.backend import Backend
 from rhytid.support.atomic_files import storage_errors, sweep_partial

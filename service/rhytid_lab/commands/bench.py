@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from rhytid.cli.options import add_device, add_force, add_json, readable
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.skin_options import add_density
-from rhytid.console import STDOUT, counted, report, table, write_json
 from rhytid.domain.asset_settings import PRESETS
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import FrameError, InputError, RhytidError
+from rhytid.support.console import STDOUT, counted, report, table, write_json
 from rhytid_lab.commands import check_client
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _run_scaling(arguments: argparse.Namespace) -> None:
-    from rhytid.console import make_folder
+    from rhytid.support.console import make_folder
     from rhytid_lab.bench.scaling import SERIES, Scaling, plot
     from rhytid_lab.bench.subject import USUAL_WRINKLES
     from rhytid_lab.commands.bench_skin import print_need, scaled_settings

@@ -10,7 +10,6 @@ from typing import Any
 
 from rhytid.baking.input_files import graph_file
 from rhytid.cli.skin_options import density
-from rhytid.console import share_bar
 from rhytid.device.memory import machine_memory
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
@@ -20,6 +19,7 @@ from rhytid.engine.assets.graphs import check_graph
 from rhytid.errors import DeviceMemoryError
 from rhytid.pipeline.bins import map_count
 from rhytid.pipeline.cushion import cushion_map_count
+from rhytid.support.console import share_bar
 from rhytid.synthesis.capacity import wrinkles_in_all
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.generate import synthesize

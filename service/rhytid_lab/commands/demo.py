@@ -25,9 +25,9 @@ from rhytid.cli.options import (
 )
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.skin_options import add_skin, skin_controls, skin_maps, skin_settings
-from rhytid.console import report, table, write_json
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import USUAL_UNIT, millimetres
+from rhytid.support.console import report, table, write_json
 from rhytid.support.temporary_folders import temporary_folder
 from rhytid_lab.commands import check_client
 
@@ -89,7 +89,7 @@ def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
     check_client()
     # Imported here, so that --help does not wait for OpenCL and the web framework.
     from rhytid.api.server.http_server import serving
-    from rhytid.console import make_folder
+    from rhytid.support.console import make_folder
     from rhytid_client import RhytidWarning
     from rhytid_lab.commands.demo_face import animation
     from rhytid_lab.commands.demo_session import FIGURES, Session, write_sheets

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from rhytid import __version__
 from rhytid.baking.frame_names import FramePlace
 from rhytid.baking.run_warnings import RunWarnings
-from rhytid.console import Stopwatch, counted, share_bar
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.notices import Notice
 from rhytid.domain.tiles import busiest_udim, triangles_inside, udim_origin
 from rhytid.domain.warnings import InputWarning
 from rhytid.support.atomic_files import atomic_write
+from rhytid.support.console import Stopwatch, counted, share_bar
 from rhytid.support.ownership import is_real_folder
 from rhytid_client import Asset, Client, Job, Method, Sampling, StretchModel, Tile, TileFormat
 from rhytid_lab import contact_sheets

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from rhytid.cli.options import add_device, add_json, add_unit, readable
 from rhytid.cli.parser import Commands, new_command
-from rhytid.console import report, share_bar, table, write_json
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import USUAL_UNIT, millimetres
+from rhytid.support.console import report, share_bar, table, write_json
 
 if TYPE_CHECKING:
     from rhytid.device.runtime import Device
@@ -49,8 +49,8 @@ def run(arguments: argparse.Namespace) -> None:
     """Draw, time, measure, and write the page."""
     AssetSettings.parse({"resolution": arguments.resolution})
     # Imported here, so that --help needs no OpenCL.
-    from rhytid.console import make_folder
     from rhytid.engine.engine import open_device
+    from rhytid.support.console import make_folder
     from rhytid.support.settings import ServiceSettings
     from rhytid_lab.bench.page import page
     from rhytid_lab.bench.report import Report

@@ -27,11 +27,11 @@ from rhytid.api.documentation import ASSET_FORM, CHANGES, problems
 from rhytid.api.multipart import Part
 from rhytid.api.schemas import Asset
 from rhytid.api.uploads import decode_json, require
-from rhytid.decoding.decoder import Decoder
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError
+from rhytid.processes.decoding.decoder import Decoder
 
 router = APIRouter(prefix="/v1/assets", tags=["assets"], dependencies=[NoQuery])
 

@@ -91,13 +91,13 @@ def asks_keys(
 def engine_of(settings: ServiceSettings, *, in_process: bool) -> Engine:
     """An engine in a process of its own; in this one where `in_process` says so, and on Windows.
     Raises what `Engine` does."""
-    from rhytid.engine_process.device_process import possible
+    from rhytid.processes.device_process import possible
 
     if in_process or not possible():
         from rhytid.engine.engine import Engine
 
         return Engine(settings)
-    from rhytid.engine_process.remote_engine import RemoteEngine
+    from rhytid.processes.remote_engine import RemoteEngine
 
     return RemoteEngine(settings)
 

@@ -25,7 +25,6 @@ from rhytid.baking.inputs import BakeInputs
 from rhytid.baking.output import Output
 from rhytid.baking.request import BakeRequest
 from rhytid.baking.run_warnings import RunWarnings
-from rhytid.console import Stopwatch, Verbosity, use_verbosity
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.engine import Engine
@@ -35,6 +34,7 @@ from rhytid.exports.textures.profiles import profiles_of
 from rhytid.formats.frame_set import Clip
 from rhytid.storage.store import AssetStore
 from rhytid.support.build_identity import check_drawing, drawing_version
+from rhytid.support.console import Stopwatch, Verbosity, use_verbosity
 from rhytid.support.settings import ServiceSettings
 
 _SILENT = Verbosity(quiet=True)

@@ -22,9 +22,9 @@ from rhytid.baking.farm.dask_run import DaskRun
 from rhytid.baking.frame_names import FramePlace, FrameRange
 from rhytid.baking.inputs import BakeInputs
 from rhytid.baking.request import LOCAL, BakeRequest
-from rhytid.console import counted, detail, note, verbosity, working
 from rhytid.device.select import candidates
 from rhytid.support.atomic_files import READABLE, shared_working_folder, sweep, write_pieces
+from rhytid.support.console import counted, detail, note, verbosity, working
 from rhytid.support.temporary_folders import temporary_folder
 
 # Tasks for each worker, where nothing says how large they are: so many that none waits long for the

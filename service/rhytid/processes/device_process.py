@@ -1,0 +1,203 @@
+"""One process of a device, as the server sees it: from its start to its end, and why it ended."""
+
+from __future__ import annotations
+
+import logging
+import mmap
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, replace
+from multiprocessing import Pipe
+from typing import Any
+
+from rhytid.device.watch import SIZE, Purpose, Report
+from rhytid.processes.lines import Line, Lines
+from rhytid.processes.packing import mapped, shared_file
+from rhytid.processes.wire import Close, Control, OpenLine, Start, Started, close_all, readable
+
+_FAULTS = {signal.SIGSEGV, signal.SIGABRT, signal.SIGFPE, signal.SIGILL}
+if hasattr(signal, "SIGBUS"):
+    _FAULTS.add(signal.SIGBUS)
+
+
+@dataclass(frozen=True)
+class Ending:
+    """Why a process is no more.
+
+    kind: fault, one of its own; late, a call of the driver took too long; killed, from elsewhere.
+    reason: in words.  purpose: what the driver worked for.
+    """
+
+    kind: str
+    reason: str
+    purpose: Purpose
+
+    @property
+    def blames(self) -> bool:
+        """Whether what the driver worked for may have caused it."""
+        return self.kind in ("fault", "late")
+
+
+def ending_of(status: int, late: float | None, purpose: Purpose) -> Ending:
+    """Of a process with this exit status.  late: seconds that a call of the driver had, where the
+    process was ended because they were over."""
+    if late is not None:
+        reason = f"a call of the OpenCL driver took more than {late:g} seconds"
+        return Ending("late", reason, purpose)
+    if status >= 0:
+        return Ending("fault", f"it ended with status {status}", purpose)
+    name = signal.Signals(-status).name
+    kind = "fault" if -status in _FAULTS else "killed"
+    return Ending(kind, f"it ended by {name}", purpose)
+
+
+_log = logging.getLogger(__name__)
+# Seconds between two looks at what the process does.
+LOOK = 0.1
+# Seconds that it has to end by itself once it is asked to, and to answer once it is started.
+CLOSING, STARTING = 4.0, 600.0
+# Heaps that glibc makes there at most, unless the environment says otherwise. By itself it makes 8
+# per core, each with gaps of its own: after 15 minutes of mixed load on two cores 17 heaps took
+# 300 MiB. Python runs one thread at a time, and the kernels of PoCL allocate nothing.
+_ARENAS = "2"
+# It gets the path of this process, not what lies in the folder that it is started in.
+_CODE = (
+    "import sys; sys.path[:] = sys.argv[1].split(sys.argv[2]); "
+    "from rhytid.processes.child import main; main(*map(int, sys.argv[3:]))"
+)
+
+
+class DeviceProcess:
+    """A process with an engine, and the lines to it.
+
+    on_message: called with its messages beside answers.  on_ready: called once it answers calls.
+    figures_memory: descriptor of the memory for its figures, which stays the caller's.
+    started: done once it answers; has the error where it does not start.  ending: set by whoever
+    called `watch`, after it returned. `watch` must run for as long as the process lives, on the
+    thread that made it: the system ends the process together with that thread.
+    """
+
+    def __init__(
+        self,
+        start: Start,
+        on_message: Callable[[Any], None],
+        on_ready: Callable[[DeviceProcess], None],
+        figures_memory: int,
+    ) -> None:
+        self.started: Future[None] = Future()
+        self.ending: Future[Ending] = Future()
+        self._limit, self._on_message = start.settings.launch_seconds, on_message
+        self._on_ready = on_ready
+        with ExitStack() as undone:  # descriptors, where the system starts no process
+            near, far = Pipe()
+            undone.enter_context(near)
+            with far:
+                memory = shared_file(mmap.PAGESIZE)
+                try:
+                    self.report = Report(mapped(memory, mmap.PAGESIZE).data[:SIZE])
+                    self._process = _spawned(far.fileno(), memory, figures_memory)
+                finally:
+                    os.close(memory)
+            undone.pop_all()
+        self._control = Control(near)
+        self.lines = Lines(self._new_line)
+        self._answers_by = time.monotonic() + STARTING
+        self._late: float | None = None
+        self._unanswered = False
+        self._close_by: float | None = None
+        with suppress(OSError):  # it has ended already: `watch` reports it
+            self._control.send(start)
+
+    @property
+    def pid(self) -> int:
+        """Its number in the system."""
+        return self._process.pid
+
+    def close(self) -> None:
+        """Ask it to end; it is killed where that takes too long."""
+        if self._close_by is None:
+            self._close_by = time.monotonic() + CLOSING
+            with suppress(OSError):
+                self._control.send(Close())
+
+    def kill(self) -> None:
+        """End it now."""
+        self._process.kill()
+
+    def watch(self) -> Ending:
+        """Wait for its end, and end it where a call of the driver takes too long."""
+        try:
+            while self._handle_message():
+                if self._late is None and self._is_late():
+                    self.kill()
+                if self._close_by is not None and time.monotonic() > self._close_by:
+                    self.kill()
+        except Exception:  # noqa: BLE001 else nobody would start it again
+            _log.exception("the process of the device (%d) cannot be watched", self.pid)
+        self.kill()  # it has closed its control socket, so that nothing can be asked of it
+        ending = ending_of(self._process.wait(), self._late, self.report.purpose)
+        if self._unanswered:
+            reason = f"it did not answer within {STARTING:g} seconds of its start"
+            ending = replace(ending, kind="killed", reason=reason)
+        self._control.line.close()
+        self.lines.close()
+        return ending
+
+    def _is_late(self) -> bool:
+        """Whether it takes longer than it may, which is noted."""
+        if self.report.late:
+            self._late = self._limit
+        elif not self.started.done() and time.monotonic() > self._answers_by:
+            self._unanswered = True
+        return self._late is not None or self._unanswered
+
+    def _handle_message(self) -> bool:
+        """Handle a message of the process, if one comes within LOOK; False where it is gone."""
+        if not readable(self._control.line, LOOK):
+            return True
+        received = self._control.receive()
+        if received is None:
+            return False
+        message, descriptors = received
+        close_all(descriptors)
+        if isinstance(message, Started):
+            if message.error is None:
+                self.started.set_result(None)
+                self._on_ready(self)
+            else:
+                self.started.set_exception(message.error)
+        else:
+            self._on_message(message)
+        return True
+
+    def _new_line(self) -> Line:
+        near, far = Pipe()
+        with far, suppress(OSError):  # else the line is broken, which its user finds
+            self._control.send(OpenLine(), far.fileno())
+        return Line(near)
+
+
+def _spawned(control: int, report: int, figures_memory: int) -> subprocess.Popen[bytes]:
+    descriptors = (control, report, figures_memory)
+    numbers = [str(number) for number in (*descriptors, os.getpid())]
+    command = [sys.executable, "-c", _CODE, os.pathsep.join(sys.path), os.pathsep, *numbers]
+    # A session of its own: an interrupt at the terminal is for the server, which ends it.
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        pass_fds=descriptors,
+        start_new_session=True,
+        env={"MALLOC_ARENA_MAX": _ARENAS, **os.environ},
+    )
+
+
+def possible() -> bool:
+    """Whether this system passes descriptors between processes; Windows does not."""
+    return hasattr(socket, "send_fds") and hasattr(signal, "SIGKILL")

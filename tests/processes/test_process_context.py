@@ -1,0 +1,73 @@
+"""What goes with a call to the process of the device, and back with its answer."""
+
+from __future__ import annotations
+
+from contextvars import Context
+from typing import Any
+
+import pytest
+
+from rhytid.device.figures import Figures, spans_of_request
+from rhytid.engine.call_context import drawn_live, is_live
+from rhytid.engine.operations import OPERATIONS
+from rhytid.errors import NotFoundError
+from rhytid.processes.envelope import Answer, Envelope, Request, answered
+from rhytid.processes.packing import unpack
+from rhytid.support.logs import request_id
+
+FIGURES = Figures()
+
+
+def perform(envelope: Envelope) -> str:
+    """Tells the id of the request."""
+    FIGURES.took("kernel", 7)
+    if envelope.name == "jobs.info":
+        raise NotFoundError("no")
+    return "live" if is_live() else request_id.get()
+
+
+def performed(name: str) -> Answer:
+    packed = Request(OPERATIONS[name], ("a",)).packed
+    # As in another process, where nothing of this context is known.
+    envelope = unpack(packed.body, packed.places, None)
+    return Context().run(answered, envelope, perform, lambda: False)
+
+
+@pytest.fixture
+def named() -> Any:
+    token = request_id.set("farm-7")
+    yield
+    request_id.reset(token)
+
+
+@pytest.mark.usefixtures("named")
+def test_the_id_of_the_request_comes_to_the_process() -> None:
+    found = performed("assets.info")
+    assert (found.good, found.value, found.spans) == (True, "farm-7", ())
+
+
+@pytest.mark.usefixtures("named")
+def test_that_it_is_for_a_live_connection_comes_to_the_process() -> None:
+    one = Request(OPERATIONS["assets.info"], ("a",))
+    with drawn_live():
+        assert performed("assets.info").value == "live"
+        other = Request(OPERATIONS["assets.info"], ("a",))
+        assert one.digest == other.digest
+    assert performed("assets.info").value == "farm-7"
+
+
+def test_stages_come_back_where_they_are_wanted() -> None:
+    with spans_of_request():
+        good, failed = performed("assets.info"), performed("jobs.info")
+    assert (good.good, failed.good, str(failed.value)) == (True, False, "no")
+    for found in (good.spans, failed.spans):
+        assert [(span.stage, span.nanoseconds) for span in found] == [("kernel", 7)]
+
+
+def test_the_id_of_the_request_does_not_make_another_call() -> None:
+    one = Request(OPERATIONS["assets.info"], ("a",))
+    token = request_id.set("other")
+    other = Request(OPERATIONS["assets.info"], ("a",))
+    assert one.packed.body != other.packed.body
+    request_id.reset(token)
+    assert one.digest == other.digest
