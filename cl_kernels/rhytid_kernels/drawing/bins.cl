@@ -1,6 +1,5 @@
 // Draws one precomputed map of the fast method (section 2.4): the wrinkles of one orientation bin,
 // or the pores, all at one stretch. Blocks and sums as in redraw.cl.
-#include "leaning.clh"
 #include "line.clh"
 
 // What a map becomes: displacement in mesh units, row by row, or where CODE is defined codes, per_step
@@ -25,6 +24,23 @@ inline void write_codes(sums_t sums, place_t place, shape_t shape, float scale, 
 #define OUT __global float *out
 #define WRITE(sums, place, shape, depth, part) write_rows(sums, place, shape, depth, part, out)
 #endif
+
+// Where in its bin a wrinkle along `extent` runs: its angle to theta, mod pi, times a factor.
+// tilt: (theta, factor).
+inline float leaning(float2 extent, float3 tilt)
+{
+    float along = dot(extent, tilt.xy), across = extent.x * tilt.y - extent.y * tilt.x;
+    return atan(across / along) * tilt.z;
+}
+
+// (sigma_w, sigma_d) of a wrinkle along `extent`, whose depth is scaled by 1 + leaning too, where the
+// factor is not 0. tilt: (theta, factor, 0).
+inline float2 leaning_scale(float2 scale, float2 extent, float4 tilt)
+{
+    if (tilt.z != 0.0f)
+        scale.y *= 1.0f + leaning(extent, tilt.xyz);
+    return scale;
+}
 
 // scale: (sigma_w, sigma_d) of the sample, Alg. 1 lines 7 and 8 with its log stretch, the same at both
 // ends. part: valleys and bulges together, or one of them for maps that are merged by the mellow-max.

@@ -1,5 +1,5 @@
 // Copies of wrinkles and pores answer to stretch as their originals do.
-#include "response_kind.clh"
+#include "line_kinds.clh"
 
 // from: of the originals of some elements of a UDIM that follow one another, which are copies. first:
 // the first of these.

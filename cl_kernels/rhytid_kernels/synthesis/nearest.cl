@@ -1,5 +1,55 @@
-// How far from each point its nearest are, and which way they lie.
-#include "nearest.clh"
+// The nearest points of each point, on its sheet: how far they are, and which way they lie. The nearest
+// come first; of equal distances the lower number first.
+#include "points.clh"
+
+// Between discs that are one radius apart, 26 fit within 2.2 radii on a flat surface.
+#define MOST_NEAR 40
+
+typedef struct {
+    int count;
+    int number[MOST_NEAR];
+    float distance2[MOST_NEAR];
+} near_t;
+
+inline bool nearer(float distance2, int number, float other2, int other)
+{
+    return distance2 < other2 || (distance2 == other2 && number < other);
+}
+
+// Keeps the `most` nearest, each once.
+inline void put_near(near_t *near, int most, int number, float distance2)
+{
+    int at = near->count;
+    while (at > 0 && nearer(distance2, number, near->distance2[at - 1], near->number[at - 1]))
+        at--;
+    if (at >= most || (at > 0 && near->number[at - 1] == number))
+        return;
+    near->count = min(near->count + 1, most);
+    for (int k = near->count - 1; k > at; k--) {
+        near->distance2[k] = near->distance2[k - 1];
+        near->number[k] = near->number[k - 1];
+    }
+    near->distance2[at] = distance2;
+    near->number[at] = number;
+}
+
+// The points within `reach` times the mean of both spacing factors; distances in 1/scale.
+inline void gather_near(near_t *near, int most, int i, __global const int *place,
+                        __global const float *normal, __global const float *factor, int cell,
+                        uint mask, __global const int *head, __global const int *next, float scale,
+                        float reach)
+{
+    int3 p = vload3(i, place), at = p / cell;
+    float3 n = vload3(i, normal);
+    near->count = 0;
+    FOR_POINTS(j, at - 1, at + 1)
+    {
+        float3 d = between(p, vload3(j, place), scale);
+        float distance2 = dot(d, d), limit = 0.5f * reach * (factor[i] + factor[j]);
+        if (j != i && distance2 <= limit * limit && same_sheet(n, vload3(j, normal)))
+            put_near(near, most, j, distance2);
+    }
+}
 
 // The farthest of the `neighbours` nearest of each point: its squared distance in 1/scale and its
 // number; infinity where fewer are within reach.
