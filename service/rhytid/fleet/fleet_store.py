@@ -18,9 +18,17 @@ from pathlib import Path
 from uuid import uuid4
 
 from rhytid.durable import install, reported, workplace, write_file
+from rhytid.engine.messages import AssetInfo
 from rhytid.errors import SettingsError, SnapshotError, StorageError, StoreFormatError
 from rhytid.fleet.options import FleetOptions
-from rhytid.fleet.shared_files import GIVEN, INFOS, PACKAGES, UPLOADS, SharedFiles
+from rhytid.fleet.shared_files import (
+    GIVEN,
+    INFOS,
+    PACKAGES,
+    UPLOADS,
+    SharedFiles,
+    described_asset,
+)
 from rhytid.owned import (
     MARKER,
     UNIQUE,
@@ -40,7 +48,7 @@ from rhytid.storage.manifest import StoredFile
 from rhytid.storage.overlays import read_overlay, write_overlay
 from rhytid.storage.shared.backend import PARTIAL, SHARED_STORE, backend_of
 from rhytid.storage.shared.folder_backend import holds_assets
-from rhytid.storage.shared.shared_store import SharedStore
+from rhytid.storage.shared.shared_store import SharedStore, manifest_digest
 from rhytid.storage.snapshot_index import SnapshotIndex
 from rhytid.storage.snapshots import Snapshot, unpack
 
@@ -187,25 +195,46 @@ def _convert(store: FleetStore, folder: Path, snapshot: Path) -> None:
         make_folder(folder / PARTIAL, group=group)
         with workplace(folder / PARTIAL, group=group) as place, snapshot.open("rb") as file:
             index = unpack(file, snapshot.stat().st_size, place)
-            overlay = _present_settings(index, place, snapshot.with_suffix(".json"))
+            overlay, whole = _present_settings(index, place, snapshot.with_suffix(".json"))
             files = {**index.files, OVERLAY: StoredFile.of(overlay)}
             paths = {name: place / name for name in files if name != OVERLAY}
             index = SnapshotIndex.of(index.asset, files)
             with Snapshot(index, paths, overlay) as made:
                 store.assets.push(made, lambda share, file: None)
+            if whole and (info := _description(snapshot)) is not None:
+                store.files.put_info(info, manifest_digest(index.encode()))
     # The snapshot goes last: as long as it is there, this is done again.
     for suffix in (".json", ".info", ".tar"):
         snapshot.with_suffix(suffix).unlink(missing_ok=True)
 
 
-def _present_settings(index: SnapshotIndex, place: Path, changed: Path) -> bytes:
+def _description(snapshot: Path) -> AssetInfo | None:
+    """What lists said of an asset; None where that is of other files, or cannot be read."""
+    of = [_revision(snapshot), _revision(snapshot.with_suffix(".json"))]
+    try:
+        found = json.loads(snapshot.with_suffix(".info").read_bytes())
+        return described_asset(found["info"]) if found["of"] == of else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _revision(path: Path) -> list[int] | None:
+    with suppress(FileNotFoundError):
+        found = path.stat()
+        return [found.st_mtime_ns, found.st_ino]
+    return None
+
+
+def _present_settings(index: SnapshotIndex, place: Path, changed: Path) -> tuple[bytes, bool]:
     """The settings of a snapshot with those that were changed since, as the bytes of their file;
-    where these are damaged, without them."""
+    without them, and False, where they are damaged."""
     data, label = (place / OVERLAY).read_bytes(), f"{ASSET} {index.asset}"
     with suppress(FileNotFoundError):
         try:
             changes = json.loads(changed.read_bytes())
-            return write_overlay(label, read_overlay(label, data, changed).changed(changes))
+            now = read_overlay(label, data, changed).changed(changes)
+            return write_overlay(label, now), True
         except (ValueError, SettingsError) as error:
             _log.error("%s is damaged, and left out: %s", changed, error)
-    return data
+            return data, False
+    return data, True
