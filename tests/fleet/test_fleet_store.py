@@ -15,6 +15,7 @@ import pytest
 
 from engine.engines import built, maps, new_asset, rest, running, same
 from rhytid.domain.settings_changes import CHANGEABLE
+from rhytid.durable import UNFINISHED
 from rhytid.engine.engine import Engine
 from rhytid.errors import InputError, StorageError
 from rhytid.fleet.fleet_store import FleetStore
@@ -72,9 +73,15 @@ def test_a_folder_of_the_last_release_is_taken_over(
         (folder / "format.json").unlink()
         (folder / "jobs.key").unlink()
 
+    half = folder / "uploads" / f".unfinished-{'b' * 32}"
+    half.mkdir()
+    (half / ".rhytid-unfinished").write_bytes(UNFINISHED.text())
+    (half / "half").write_bytes(b"half")
+
     store = opened(tmp_path / "store")
 
     assert store.assets.ids() == sorted([plain, changed])
+    assert not half.exists(), "its writer has ended with the old fleet"
     assert all(map(store.assets.holds, (plain, changed)))
     assert not (folder / "assets").exists()
     assert store.files.uploads() == ["0" * 16]
@@ -106,12 +113,17 @@ def test_what_is_damaged_is_left_and_named(
     time = settings.stat().st_mtime_ns
     settings.write_text("{")
     os.utime(settings, ns=(time, time))
+    other, far = folder / "assets" / f"{'1' * 16}.tar", tmp_path / "far"
+    other.write_bytes((folder / "assets" / f"{good}.tar").read_bytes())
+    other.with_name(f"{'2' * 16}.tar").symlink_to(far)
     store = opened(tmp_path / "store")
     assert store.assets.ids() == [good]
     assert store.files.info(good, store.assets.digest(good)) is None, "it was of other settings"
     assert f"{cut}.tar is left as it is: it is cut off" in caplog.text
     assert f"{good}.json is damaged, and left out" in caplog.text
-    assert [path.name for path in (folder / "assets").glob("*.tar")] == [f"{cut}.tar"]
+    assert f"{other} is left as it is: it is of asset {good}" in caplog.text
+    left = {path.stem for path in (folder / "assets").glob("*.tar")}
+    assert left == {cut, "1" * 16, "2" * 16}
 
 
 def test_a_takeover_that_was_cut_off_goes_on_and_newer_settings_stay(

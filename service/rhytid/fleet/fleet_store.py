@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
 
-from rhytid.durable import install, reported, workplace, write_file
+from rhytid.durable import install, reported, sweep, workplace, write_file
 from rhytid.engine.messages import AssetInfo
 from rhytid.errors import SettingsError, SnapshotError, StorageError, StoreFormatError
 from rhytid.fleet.options import FleetOptions
@@ -36,6 +36,7 @@ from rhytid.owned import (
     check_ours,
     has_group,
     is_marked,
+    is_plain,
     is_real_folder,
     make_folder,
     read_plain,
@@ -178,8 +179,11 @@ def _convert_all(folder: Path) -> None:
     found = sorted(assets.glob("*.tar")) if is_real_folder(assets) else []
     if found:
         _log.info("assets of an earlier release are taken over in %s: %d", folder, len(found))
+    for name in (_ASSETS, UPLOADS, PACKAGES):
+        if is_real_folder(folder / name):  # the old fleet has ended, and its writers with it
+            sweep(folder / name, lambda file: True)
     for snapshot in found:
-        if ID.fullmatch(snapshot.stem):
+        if ID.fullmatch(snapshot.stem) and is_plain(snapshot):
             try:
                 _convert(store, folder, snapshot)
             except SnapshotError as error:  # it can be sent again
@@ -195,6 +199,8 @@ def _convert(store: FleetStore, folder: Path, snapshot: Path) -> None:
         make_folder(folder / PARTIAL, group=group)
         with workplace(folder / PARTIAL, group=group) as place, snapshot.open("rb") as file:
             index = unpack(file, snapshot.stat().st_size, place)
+            if index.asset != snapshot.stem:
+                raise SnapshotError(f"it is of asset {index.asset}")
             overlay, whole = _present_settings(index, place, snapshot.with_suffix(".json"))
             files = {**index.files, OVERLAY: StoredFile.of(overlay)}
             paths = {name: place / name for name in files if name != OVERLAY}
@@ -232,6 +238,8 @@ def _present_settings(index: SnapshotIndex, place: Path, changed: Path) -> tuple
     with suppress(FileNotFoundError):
         try:
             changes = json.loads(changed.read_bytes())
+            if not isinstance(changes, dict):
+                raise ValueError("no settings")
             now = read_overlay(label, data, changed).changed(changes)
             return write_overlay(label, now), True
         except (ValueError, SettingsError) as error:
