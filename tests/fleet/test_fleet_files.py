@@ -139,6 +139,20 @@ def test_what_was_given_and_never_taken_goes_a_day_later(folder: Path) -> None:
     assert [path.exists() for path in (old, new, strange)] == [False, True, True]
 
 
+def test_what_was_given_goes_from_a_bucket_too(
+    bucket: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    backend = backend_of(bucket)
+    files = SharedFiles(backend)
+    files.give([b"a"])
+    backend.write("given/notes", b"mine")
+    files.sweep()
+    assert len(backend.names("given")) == 2
+    monkeypatch.setattr("rhytid.fleet.shared_files._ABANDONED", -60.0)
+    files.sweep()
+    assert backend.names("given") == ["notes"]
+
+
 @pytest.mark.parametrize("strange", STRANGE)
 def test_what_is_no_id_becomes_no_name_of_an_object(folder: Path, strange: str) -> None:
     files = SharedFiles(backend_of(str(folder)))

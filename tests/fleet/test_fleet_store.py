@@ -7,7 +7,7 @@ import os
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from rhytid.errors import InputError, StorageError
 from rhytid.fleet.fleet_store import FleetStore
 from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.shared_files import read_upload, written_upload
+from rhytid.support.atomic_files import UNFINISHED
 from rhytid.support.ownership import FolderKind, check_owned
 from rhytid.support.settings import ServiceSettings
 
@@ -50,7 +51,11 @@ def as_before(folder: Path, engine: Engine, asset: str, changes: Any = None) -> 
         rest(engine)
         now = {name: settings[name] for name in CHANGEABLE}
         (folder / "assets" / f"{asset}.json").write_text(json.dumps(now))
-    (folder / "assets" / f"{asset}.info").write_text(json.dumps({"of": [[1, 2], None]}))
+    files = [folder / "assets" / f"{asset}.{suffix}" for suffix in ("tar", "json")]
+    stats = [path.stat() if path.exists() else None for path in files]
+    of = [None if one is None else [one.st_mtime_ns, one.st_ino] for one in stats]
+    said = {"of": of, "info": asdict(engine.assets.info(asset))}
+    (folder / "assets" / f"{asset}.info").write_text(json.dumps(said))
 
 
 @pytest.mark.parametrize("marked", [True, False])
@@ -68,9 +73,15 @@ def test_a_folder_of_the_last_release_is_taken_over(
         (folder / "format.json").unlink()
         (folder / "jobs.key").unlink()
 
+    half = folder / "uploads" / f".unfinished-{'b' * 32}"
+    half.mkdir()
+    (half / ".rhytid-unfinished").write_bytes(UNFINISHED.text())
+    (half / "half").write_bytes(b"half")
+
     store = opened(tmp_path / "store")
 
     assert store.assets.ids() == sorted([plain, changed])
+    assert not half.exists(), "its writer has ended with the old fleet"
     assert all(map(store.assets.holds, (plain, changed)))
     assert not (folder / "assets").exists()
     assert store.files.uploads() == ["0" * 16]
@@ -79,6 +90,9 @@ def test_a_folder_of_the_last_release_is_taken_over(
     assert not marked or store.files.job_key() == b"k" * 32
     assert json.loads((folder / "format.json").read_bytes())["kind"] == "rhytid shared store"
     assert (folder / "uploads").stat().st_mode & 0o777 == 0o700
+    for asset in (plain, changed):  # lists load none
+        said = store.files.info(asset, store.assets.digest(asset))
+        assert said == engine.assets.info(asset)
     with running(tmp_path / "replica", shared_store=store.place, in_step=True) as replica:
         for asset in (plain, changed):
             now, before = replica.assets.info(asset), engine.assets.info(asset)
@@ -93,14 +107,23 @@ def test_what_is_damaged_is_left_and_named(
     folder = tmp_path / "store" / "shared"
     cut, good = (built(engine, new_asset(seed=seed)) for seed in (1, 2))
     as_before(folder, engine, cut)
-    as_before(folder, engine, good)
+    as_before(folder, engine, good, LOOKS)
     os.truncate(folder / "assets" / f"{cut}.tar", 5000)
-    (folder / "assets" / f"{good}.json").write_text("{")
+    settings = folder / "assets" / f"{good}.json"
+    time = settings.stat().st_mtime_ns
+    settings.write_text("{")
+    os.utime(settings, ns=(time, time))
+    other, far = folder / "assets" / f"{'1' * 16}.tar", tmp_path / "far"
+    other.write_bytes((folder / "assets" / f"{good}.tar").read_bytes())
+    other.with_name(f"{'2' * 16}.tar").symlink_to(far)
     store = opened(tmp_path / "store")
     assert store.assets.ids() == [good]
+    assert store.files.info(good, store.assets.digest(good)) is None, "it was of other settings"
     assert f"{cut}.tar is left as it is: it is cut off" in caplog.text
     assert f"{good}.json is damaged, and left out" in caplog.text
-    assert [path.name for path in (folder / "assets").glob("*.tar")] == [f"{cut}.tar"]
+    assert f"{other} is left as it is: it is of asset {good}" in caplog.text
+    left = {path.stem for path in (folder / "assets").glob("*.tar")}
+    assert left == {cut, "1" * 16, "2" * 16}
 
 
 def test_a_takeover_that_was_cut_off_goes_on_and_newer_settings_stay(

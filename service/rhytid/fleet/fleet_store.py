@@ -26,7 +26,7 @@ from rhytid.storage.records import read_overlay, write_overlay
 from rhytid.storage.shared import backend_of
 from rhytid.storage.shared.backend import PARTIAL, SHARED_STORE
 from rhytid.storage.shared.folder_backend import holds_assets
-from rhytid.storage.shared.shared_store import SharedStore
+from rhytid.storage.shared.shared_store import SharedStore, manifest_digest
 from rhytid.storage.snapshots import Snapshot, SnapshotIndex, unpack
 from rhytid.support.atomic_files import install, storage_errors, working_folder, write_file
 from rhytid.support.ownership import (
@@ -36,6 +36,7 @@ from rhytid.support.ownership import (
     check_owned,
     has_group,
     is_marked,
+    is_plain,
     is_real_folder,
     make_folder,
     read_plain,
@@ -170,8 +171,11 @@ def _convert_all(folder: Path) -> None:
     found = sorted(assets.glob("*.tar")) if is_real_folder(assets) else []
     if found:
         _log.info("assets of an earlier release are taken over in %s: %d", folder, len(found))
+    for name in (_ASSETS, UPLOADS, PACKAGES):
+        if is_real_folder(folder / name):  # the old fleet has ended, and its writers with it
+            sweep(folder / name, lambda file: True)
     for snapshot in found:
-        if ID.fullmatch(snapshot.stem):
+        if ID.fullmatch(snapshot.stem) and is_plain(snapshot):
             try:
                 _convert(store, folder, snapshot)
             except SnapshotError as error:  # it can be sent again
@@ -187,25 +191,50 @@ def _convert(store: FleetStore, folder: Path, snapshot: Path) -> None:
         make_folder(folder / PARTIAL, group=group)
         with working_folder(folder / PARTIAL, group=group) as place, snapshot.open("rb") as file:
             index = unpack(file, snapshot.stat().st_size, place)
-            overlay = _present_settings(index, place, snapshot.with_suffix(".json"))
+            if index.asset != snapshot.stem:
+                raise SnapshotError(f"it is of asset {index.asset}")
+            overlay, whole = _present_settings(index, place, snapshot.with_suffix(".json"))
             files = {**index.files, OVERLAY: StoredFile.of(overlay)}
             paths = {name: place / name for name in files if name != OVERLAY}
             index = SnapshotIndex.of(index.asset, files)
             with Snapshot(index, paths, overlay) as made:
                 store.assets.push(made, lambda share, file: None)
+            if whole and (info := _description(snapshot)) is not None:
+                store.files.put_info(info, manifest_digest(index.encode()))
     # The snapshot goes last: as long as it is there, this is done again.
     for suffix in (".json", ".info", ".tar"):
         snapshot.with_suffix(suffix).unlink(missing_ok=True)
 
 
-def _present_settings(index: SnapshotIndex, place: Path, changed: Path) -> bytes:
+def _description(snapshot: Path) -> AssetInfo | None:
+    """What lists said of an asset; None where that is of other files, or cannot be read."""
+    of = [_revision(snapshot), _revision(snapshot.with_suffix(".json"))]
+    try:
+        found = json.loads(snapshot.with_suffix(".info").read_bytes())
+        return described_asset(found["info"]) if found["of"] == of else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _revision(path: Path) -> list[int] | None:
+    with suppress(FileNotFoundError):
+        found = path.stat()
+        return [found.st_mtime_ns, found.st_ino]
+    return None
+
+
+def _present_settings(index: SnapshotIndex, place: Path, changed: Path) -> tuple[bytes, bool]:
     """The settings of a snapshot with those that were changed since, as the bytes of their file;
-    where these are damaged, without them."""
+    without them, and False, where they are damaged."""
     data, label = (place / OVERLAY).read_bytes(), f"{ASSET} {index.asset}"
     with suppress(FileNotFoundError):
         try:
             changes = json.loads(changed.read_bytes())
-            return write_overlay(label, read_overlay(label, data, changed).changed(changes))
+            if not isinstance(changes, dict):
+                raise ValueError("no settings")
+            now = read_overlay(label, data, changed).changed(changes)
+            return write_overlay(label, now), True
         except (ValueError, SettingsError) as error:
             _log.error("%s is damaged, and left out: %s", changed, error)
-    return data
+            return data, False
+    return data, True

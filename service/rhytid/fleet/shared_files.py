@@ -132,7 +132,7 @@ class SharedFiles:
             data = self._backend.read(_info(asset), _LONGEST_INFO)
             found = {} if data is None else json.loads(data)
             if manifest and found["of"] == manifest:
-                return _asset_info(found["info"])
+                return described_asset(found["info"])
         except (ValueError, KeyError, TypeError, SharedDamageError):
             return None
         return None
@@ -249,7 +249,7 @@ def read_upload(data: bytes) -> NewAsset:
     return found
 
 
-def _asset_info(found: dict[str, Any]) -> AssetInfo | None:
+def described_asset(found: dict[str, Any]) -> AssetInfo | None:
     """The description that `put_info` wrote; None where settings have other names now. Raises
     KeyError, TypeError and ValueError where another release wrote something else."""
     if not _same_names(found["settings"], AssetSettings().as_json()):
