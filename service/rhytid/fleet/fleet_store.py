@@ -17,9 +17,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
 
+from rhytid.engine.messages import AssetInfo
 from rhytid.errors import SettingsError, SnapshotError, StorageError, StoreFormatError
 from rhytid.fleet.options import FleetOptions
-from rhytid.fleet.shared_files import GIVEN, INFOS, PACKAGES, UPLOADS, SharedFiles
+from rhytid.fleet.shared_files import (
+    GIVEN,
+    INFOS,
+    PACKAGES,
+    UPLOADS,
+    SharedFiles,
+    described_asset,
+)
 from rhytid.storage.homes import ASSET, ID, OVERLAY
 from rhytid.storage.manifest import StoredFile
 from rhytid.storage.records import read_overlay, write_overlay
@@ -28,7 +36,7 @@ from rhytid.storage.shared.backend import PARTIAL, SHARED_STORE
 from rhytid.storage.shared.folder_backend import holds_assets
 from rhytid.storage.shared.shared_store import SharedStore, manifest_digest
 from rhytid.storage.snapshots import Snapshot, SnapshotIndex, unpack
-from rhytid.support.atomic_files import install, storage_errors, working_folder, write_file
+from rhytid.support.atomic_files import install, storage_errors, sweep, working_folder, write_file
 from rhytid.support.ownership import (
     MARKER,
     UNIQUE,
