@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.job import Job
-from rhytid.engine.messages import AssetInfo, FrameInfo, JobInfo, MapQuery, TilePlan
+from rhytid.engine.messages import (
+    AssetInfo,
+    FrameInfo,
+    JobInfo,
+    MapQuery,
+    TileDescription,
+    TilePlan,
+)
 from rhytid.formats.tile_header import TileHeader
 
 ASSET = AssetInfo(
@@ -97,4 +104,4 @@ class FakeTiles(Part):
 
         key = f"{engine.revision}/{value}/{'/'.join(drawn)}/{udim}/{level}"
         header = TileHeader("cm", frame, asset, *drawn, udim, level, 0, 0, 1.0)
-        return TilePlan(key, header, SIDE, draw)
+        return TilePlan(TileDescription(key, header, SIDE), draw)

@@ -23,7 +23,7 @@ def write_maps(folder: Path, *names: str, unit: str = "cm") -> Path:
         header = TileHeader(
             unit, frame, "asset", "redraw", "tensor", "nearest", int(udim), 0, 0, 0, 1.0
         )
-        write_exr(folder / name, np.full((2, 2), -0.01, np.float32), header)
+        write_exr(folder / name, np.full((2, 2), -0.01, np.float32), header.attributes())
     return folder
 
 

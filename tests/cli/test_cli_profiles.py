@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from textures.reading import read_texture
 
 from cli.running import usage_error, write_animation
+from exports.textures.reading import read_texture
 from meshes import SmallMesh
 from rhytid.cli import main
 from rhytid.engine.engine import Engine
