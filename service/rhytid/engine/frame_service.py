@@ -69,9 +69,9 @@ class FrameService(Frames):
         allow: Collection[str] = (),
     ) -> tuple[InputWarning, ...]:
         found = self._assets.get(asset)
-        frame, warnings = checked_frame(found, positions, "the positions", strict, allow)
-        found.frames.recent(frame)  # drawn next, most of the time
-        return warnings
+        # Kept for a while: most of the time they are drawn next.
+        frame = found.frames.recent(found.checked(positions))
+        return checked_frame(found, frame, "the positions", strict, allow)[1]
 
     @override
     def all(self, asset: str) -> list[FrameInfo]:
