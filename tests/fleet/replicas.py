@@ -12,7 +12,7 @@ from processes.served import alive
 
 def replicas(fleet: Any) -> dict[str, int]:
     """Process ids by the names of the replicas that report and are there."""
-    reports = fleet._presence.look()
+    reports = fleet._reports.look()
     return {one.replica: one.pid for one in reports if alive(one.pid)}
 
 

@@ -25,6 +25,7 @@ from rhytid.errors import (
     SharedDamageError,
 )
 from rhytid.fleet.envelopes import ElsewhereError
+from rhytid.fleet.fleet_assets import GivenName
 from rhytid.fleet.fleet_store import FleetStore
 from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.jobs import JobNames
@@ -250,7 +251,7 @@ def test_a_snapshot_for_nobody_is_not_left(
         nbytes = len(file.read())
     with assets.loaded.using(asset):
         assets.delete(asset)
-    info, new = assets.restore(asset, name, nbytes)
+    info, new = assets.restore(GivenName(asset, name), nbytes)
     assert (info.id, new, store.assets.ids()) == (asset, True, [asset])
     assert store.files.info(asset, store.assets.digest(asset)) is not None
 

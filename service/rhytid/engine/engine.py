@@ -17,14 +17,13 @@ from rhytid.engine.assets.builder import AssetBuilder
 from rhytid.engine.assets.creation import AssetCreation, AssetRegistration
 from rhytid.engine.assets.on_device import DeviceAssets
 from rhytid.engine.assets.service import AssetService
-from rhytid.engine.assets.stored import StoredAssets
+from rhytid.engine.assets.stored import RestoredAssets, StoredAssets
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.frame_service import FrameService
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.local_copies import LocalCopies
 from rhytid.engine.messages import DeviceInfo, Refusal
 from rhytid.engine.packages import PackageService
-from rhytid.engine.restored_assets import RestoredAssets
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.engine.snapshots import SnapshotService
 from rhytid.engine.tiles.batcher import MOST_TILES, TileBatcher

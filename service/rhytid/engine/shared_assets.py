@@ -12,11 +12,11 @@ from functools import partial
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.assets.asset import Asset, AssetRegistry
+from rhytid.engine.assets.stored import RestoredAssets
 from rhytid.engine.frames import LEFT
 from rhytid.engine.job import Job
 from rhytid.engine.jobs import TRANSFERS, Jobs
 from rhytid.engine.local_copies import LocalCopies
-from rhytid.engine.restored_assets import RestoredAssets
 from rhytid.engine.shared_calls import SharedCalls
 from rhytid.errors import (
     CancelledError,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing_extensions import override
 
 from rhytid.engine.assets.asset import AssetRegistry
+from rhytid.engine.assets.stored import RestoredAssets
 from rhytid.engine.messages import AssetInfo
 from rhytid.engine.operations import Snapshots
-from rhytid.engine.restored_assets import RestoredAssets
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.storage.snapshots import Readable, Snapshot
 from rhytid.storage.store import AssetStore

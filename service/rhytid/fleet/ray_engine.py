@@ -38,11 +38,11 @@ class RayEngine(Proxy):
         settings: ServiceSettings,
         options: FleetOptions,
         replicas: Any,
-        board: RemoteFrameRegistry,
+        registry: RemoteFrameRegistry,
     ) -> None:
         host_memory = settings.host_memory or usual_host_memory()
         self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
-        self._presence = ReplicaReports(board)
+        self._reports = ReplicaReports(registry)
         versions = FrameVersions()
         store = FleetStore.opened(settings, options)
         names = JobNames(store.files.job_key())
@@ -53,7 +53,7 @@ class RayEngine(Proxy):
 
     def close(self) -> None:
         """Look after the replicas no more; they belong to who started them."""
-        self._presence.close()
+        self._reports.close()
 
     def well(self) -> bool:
         """True: Ray looks after replicas, and ends those that are not."""
@@ -71,15 +71,14 @@ class RayEngine(Proxy):
     def devices(self) -> list[DeviceInfo]:
         """The device of each replica, by the name of the replica."""
         return [
-            replace(one.device, restarts=sum(one.restarts.values()))
-            for one in self._presence.look()
+            replace(one.device, restarts=sum(one.restarts.values())) for one in self._reports.look()
         ]
 
     @property
     def figures(self) -> dict[str, Figures]:
         """What each device does, in the order of `devices`."""
         numbers = map(str, itertools.count())
-        reports = self._presence.reports
+        reports = self._reports.reports
         return {
             number: Figures(memoryview(bytearray(one.figures)))
             for number, one in zip(numbers, reports, strict=False)
@@ -95,9 +94,9 @@ class RayEngine(Proxy):
         """How often the processes of devices were started again, by what had ended them; a replica
         that this ingress has lost counts as killed."""
         found = Counter({"killed": self._caller.lost})
-        for one in self._presence.reports:
+        for one in self._reports.reports:
             found.update(one.restarts)
         return dict(found)
 
     def _present(self) -> bool:
-        return bool(self._presence.look())
+        return bool(self._reports.look())

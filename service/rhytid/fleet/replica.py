@@ -55,8 +55,8 @@ class EngineReplica:
             in_step=True,
         )
         self._engine = RemoteEngine(own)
-        self._board = RemoteFrameRegistry(context.app_name, limit)
-        frames = FrameSync(self._engine.frames, self._board)
+        self._registry = RemoteFrameRegistry(context.app_name, limit)
+        frames = FrameSync(self._engine.frames, self._registry)
         store.files.sweep()
         names = JobNames(store.files.job_key())
         self._assets = ReplicaAssets(self._engine, store, frames, names, self._name, options.assets)
@@ -137,7 +137,7 @@ class EngineReplica:
 
     def _report(self) -> None:
         try:
-            self._board.report(self._said())
+            self._registry.report(self._said())
         except RhytidError as error:
             _log.warning("the replica cannot report: %s", error)
         except Exception:  # noqa: BLE001 a replica that does not report is taken for gone
