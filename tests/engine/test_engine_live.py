@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from api.live import serving
-from engine.engines import built, new_asset, running
+from engine.engines import built, new_asset, plans_once, running
 from pipeline.scenes import sheet
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.tiles import TileAddress
@@ -34,7 +34,7 @@ def test_weights_become_the_tiles_of_their_positions(tmp_path: Path) -> None:
             assert live.asset.unknown == ("tongueOut",)
             live.send(weights=[1.0, 0.5])
             found = {tile.address: tile.array for tile in live.receive()}
-        plans = engine.tiles.plans_once(asset, half.astype(np.float32), MapQuery("binned"), TILES)
+        plans = plans_once(engine, asset, half.astype(np.float32), MapQuery("binned"), TILES)
         for address, plan in zip(wanted, plans, strict=True):
             drawn = plan.draw()
             assert drawn.any()

@@ -14,6 +14,7 @@ from engine.engines import (
     built,
     maps,
     new_asset,
+    plans_once,
     same,
 )
 from meshes import deform, rotate_translate
@@ -100,7 +101,7 @@ def test_positions_sent_along_give_the_tiles_of_a_stored_frame(made):
     positions = made.engine.frames.positions(made.asset, "bent")
     addresses = [TileAddress(1012, 0, 3, 2), TileAddress(1001, 2, 0, 0), TileAddress(1001, 8, 0, 0)]
     for query in QUERIES:
-        plans = made.engine.tiles.plans_once(made.asset, positions, query, addresses)
+        plans = plans_once(made.engine, made.asset, positions, query, addresses)
         once = [plan.draw() for plan in plans]
         stored = [made.engine.tiles.plan(made.asset, "bent", query, a).draw() for a in addresses]
         assert same(once, stored)

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from engine.engines import BINNED, MIB, assembled, built, new_asset, running, same
+from engine.engines import BINNED, MIB, assembled, built, new_asset, plans_once, running, same
 from meshes import deform
 from pipeline.scenes import DEPTH, Scene, random_graph, settings_of, sheet
 from reference import drawing
@@ -50,8 +50,7 @@ def test_tiles_of_every_row_are_the_map_and_those_of_positions_sent_along(made, 
     assert same([whole], [assembled(made.engine, made.asset, "bent", query, 1002, 1)])
     positions = made.engine.frames.positions(made.asset, "bent")
     once = [
-        plan.draw()
-        for plan in made.engine.tiles.plans_once(made.asset, positions, query, [ADDRESS])
+        plan.draw() for plan in plans_once(made.engine, made.asset, positions, query, [ADDRESS])
     ]
     assert same(once, [made.engine.tiles.plan(made.asset, "bent", query, ADDRESS).draw()])
 

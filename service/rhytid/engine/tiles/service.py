@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from typing_extensions import override
 
 from rhytid.device.figures import spent_on
@@ -59,29 +59,25 @@ class TileService(Tiles):
     def describe(
         self, asset: str, frame: str | Frame, query: MapQuery, place: TileAddress | MapAddress
     ) -> TileDescription:
-        return self._plan(asset, frame, query, place).description
+        return self.plan(asset, frame, query, place).description
 
     @override
     def draw(
         self, asset: str, frame: str | Frame, query: MapQuery, place: TileAddress | MapAddress
     ) -> DrawnTile:
-        plan = self._plan(asset, frame, query, place)
+        plan = self.plan(asset, frame, query, place)
         return DrawnTile(
             plan.draw(), plan.description, self._key_now(asset, frame, query, str(place))
         )
 
-    def plan(self, asset: str, frame: str, query: MapQuery, address: TileAddress) -> TilePlan:
-        """One tile of a frame. Raises NotFoundError for what does not exist, NotReadyError while
-        the asset builds, ConflictError where it failed."""
-        return self._plan(asset, frame, query, address)
-
     def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
         """A whole level of a UDIM; raises what `plan` does."""
-        return self._plan(asset, frame, query, MapAddress(udim, level))
+        return self.plan(asset, frame, query, MapAddress(udim, level))
 
-    def _plan(
+    def plan(
         self, asset: str, frame: str | Frame, query: MapQuery, place: TileAddress | MapAddress
     ) -> TilePlan:
+        """Plan a tile or a whole level of a UDIM; raises what `draw` does."""
         found = self._assets.get(asset)
         at = place if isinstance(place, TileAddress) else place.first
         side = found.check_address(at)
@@ -109,13 +105,6 @@ class TileService(Tiles):
         found = self._assets.get(asset)
         found.check_address(TileAddress(udim, 0, 0, 0))
         return self._on_device.use(found, lambda resident: resident.mesh.cushion_triangles(udim))
-
-    def plans_once(
-        self, asset: str, positions: ArrayLike, query: MapQuery, addresses: list[TileAddress]
-    ) -> list[TilePlan]:
-        """Tiles of positions (V, 3) that are not stored, in the order of `addresses`."""
-        frame = self._assets.get(asset).checked(positions)
-        return [self._plan(asset, frame, query, address) for address in addresses]
 
     @override
     def bins(self, asset: str) -> BinManifest:
