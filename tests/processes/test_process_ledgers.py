@@ -138,6 +138,58 @@ def test_a_job_of_an_ended_process_is_what_became_of_it(
     assert (now.id, now.state) == ("j", state)
 
 
+def test_a_job_that_is_lost_is_cancelled_after_it_was_asked_for() -> None:
+    """Its build goes on under another id, which its old one stands for until the end."""
+    jobs = {"new": replace(JOB, id="new")}
+
+    def call(request: Request, prepare: Any = None) -> Any:
+        if request.operation.name == "assets.info":
+            return replace(ASSET, state="building", job="new")
+        if request.positional[0] not in jobs:
+            raise NotFoundError("no such job")
+        if request.operation.name == "jobs.cancel":
+            jobs["new"] = replace(jobs["new"], state="cancelled")
+        return jobs[request.positional[0]]
+
+    ledger = JobLedger()
+    ledger.keep(JOB)
+    ledger.lose()
+    remote = calls_over(call, jobs=ledger).jobs
+    assert (remote.info("j").id, remote.info("j").state) == ("j", "running")
+    assert (remote.cancel("j").id, remote.cancel("j").state) == ("j", "cancelled")
+
+
+def calls_over(
+    call: Any, frames: FrameLedger | None = None, jobs: JobLedger | None = None
+) -> Proxy:
+    """An engine whose calls `call` answers."""
+    transport = cast(Any, SimpleNamespace(call=call, forget=lambda asset: None))
+    uploads = UploadHolds(ByteBudget(0, "RHYTID_HOST_MEMORY_MB"))
+    ledger = FrameLedger(0, lambda *_: None)
+    return Proxy(RemoteCalls(transport, frames or ledger, jobs or JobLedger(), uploads))
+
+
+def test_frames_go_with_an_asset_that_was_removed_elsewhere() -> None:
+    """Else they would come back in the next process, with an asset that is sent again."""
+    asked: list[str] = []
+
+    def call(request: Request, prepare: Any = None) -> Any:
+        asked.append(request.operation.name)
+        if request.operation.name == "assets.follow":
+            raise NotFoundError("no asset")
+        return AssetDimensions("a", 3, 1, (1001,), TileGrid(64, 64), (0.0, 0.0, 0.0))
+
+    ledger = FrameLedger(1000, lambda *_: None)
+    ledger.keep("a", "smile", FRAME, ONE, ledger.mark())
+    assets = calls_over(call, ledger).assets
+    assets.dimensions("a")
+    with pytest.raises(NotFoundError):
+        assets.follow("a", replace=False)
+    assert ledger.names("a") == []
+    assets.dimensions("a")
+    assert asked.count("assets.dimensions") == 2
+
+
 def test_the_second_strike_refuses_until_an_answer_or_a_change() -> None:
     refusals = Refusals()
 
@@ -255,10 +307,7 @@ def test_what_never_changes_is_asked_once_until_the_asset_is_removed() -> None:
         sizes = (3, 1) if request.asset == "a" else (0, 0)
         return AssetDimensions(request.asset, *sizes, (1001,), TileGrid(64, 64), (0.0, 0.0, 0.0))
 
-    transport = cast(Any, SimpleNamespace(call=call, forget=lambda asset: None))
-    uploads = UploadHolds(ByteBudget(0, "RHYTID_HOST_MEMORY_MB"))
-    ledger = FrameLedger(0, lambda *_: None)
-    assets = Proxy(RemoteCalls(transport, ledger, JobLedger(), uploads)).assets
+    assets = calls_over(call).assets
     for _ in range(2):
         assert assets.dimensions("a").vertices == 3
     assets.delete("a")
