@@ -8,6 +8,7 @@ import resource
 import threading
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -36,6 +37,7 @@ from rhytid.processes.packing import (
     unpack,
 )
 from rhytid.processes.wire import Message, close_all, readable, receive, send
+from rhytid.storage.snapshots import OpenFile
 
 DRAW = OPERATIONS["tiles.draw"]
 SIZES = st.lists(st.integers(0, 5 * APART), max_size=4)
@@ -147,6 +149,18 @@ def test_equal_requests_have_equal_digests() -> None:
     assert request("one").digest != request("two").digest
     assert request("one").digest != request("one", 9001).digest
     assert request("one").number != request("one").number
+
+
+def test_calls_with_files_are_the_same_where_their_bytes_are(tmp_path: Path) -> None:
+    digests = []
+    for name, content in (("one", b"1" * 100), ("same", b"1" * 100), ("other", b"2" * 100)):
+        (tmp_path / name).write_bytes(content)
+        with (tmp_path / name).open("rb") as file:
+            sent = (OpenFile(file.fileno()), 100)
+            digests.append(Request(OPERATIONS["snapshots.restore"], sent).digest)
+            assert file.read() == content, "its position is left alone"
+    assert digests[0] == digests[1]
+    assert digests[0] != digests[2]
 
 
 def answering(far: Connection, answer: Any) -> threading.Thread:
