@@ -117,6 +117,22 @@ def answer_once(far: Connection) -> None:
     send(far, Message(packed.body, packed.places))
 
 
+def test_a_message_has_few_descriptors() -> None:
+    """A decoder that strangers' bytes have taken over cannot use up those of the server."""
+    near, far = Pipe()
+    with near, far, Path("/dev/null").open("rb") as file:
+        sent = (file.fileno(),) * 2
+        send(far, Message(b"a", descriptors=sent))
+        found = receive(near)
+        assert found is not None
+        assert len(found.descriptors) == 2
+        close_all(found.descriptors)
+        open_before = os.listdir("/proc/self/fd")  # noqa: PTH208
+        send(far, Message(b"a", descriptors=(*sent, file.fileno())))
+        assert receive(near) is None
+        assert os.listdir("/proc/self/fd") == open_before  # noqa: PTH208
+
+
 def test_a_private_mapping_is_not_written_back() -> None:
     descriptor = shared_file(16)
     both, one = mapped(descriptor, 16), private(descriptor, 16)
