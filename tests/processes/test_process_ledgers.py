@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -159,14 +160,27 @@ def test_a_job_that_is_lost_is_cancelled_after_it_was_asked_for() -> None:
     assert (remote.cancel("j").id, remote.cancel("j").state) == ("j", "cancelled")
 
 
+def test_a_job_that_this_side_answers_is_remembered() -> None:
+    def call(request: Request, prepare: Any = None) -> Any:
+        raise NotFoundError("no")
+
+    own = {"packages.of": lambda asset: replace(JOB, kind="package")}
+    remote = calls_over(call, own=own)
+    assert remote.packages.of("a") == replace(JOB, kind="package")
+    assert remote.jobs.info("j").state == "failed"
+
+
 def calls_over(
-    call: Any, frames: FrameLedger | None = None, jobs: JobLedger | None = None
+    call: Any,
+    frames: FrameLedger | None = None,
+    jobs: JobLedger | None = None,
+    own: Mapping[str, Any] = MappingProxyType({}),
 ) -> Proxy:
-    """An engine whose calls `call` answers."""
+    """An engine whose calls `call` answers, but for its own."""
     transport = cast(Any, SimpleNamespace(call=call, forget=lambda asset: None))
     uploads = UploadHolds(ByteBudget(0, "RHYTID_HOST_MEMORY_MB"))
     ledger = FrameLedger(0, lambda *_: None)
-    return Proxy(RemoteCalls(transport, frames or ledger, jobs or JobLedger(), uploads))
+    return Proxy(RemoteCalls(transport, frames or ledger, jobs or JobLedger(), uploads, own))
 
 
 def test_frames_go_with_an_asset_that_was_removed_elsewhere() -> None:

@@ -110,7 +110,7 @@ class RemoteCalls:
     def __call__(self, operation: Operation, *positional: Any, **named: Any) -> Any:
         """The answer of the engine; raises what it raises, and what the transport does."""
         if operation.name in self._own:
-            return self._own[operation.name](*positional, **named)
+            return self._noted(self._own[operation.name](*positional, **named))
         if operation.constant:
             return self._constant(operation, *positional)
         request = Request(operation, positional, named, hold=named.pop("hold", None))
