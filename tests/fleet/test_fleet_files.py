@@ -13,7 +13,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -82,6 +82,28 @@ def test_few_packages_of_an_asset_stay(files: SharedFiles, tmp_path: Path) -> No
     assert len(files._packages(ASSET)) == 4
     files.remove(ASSET)
     assert files._packages(ASSET) == {}
+
+
+def test_a_package_is_copied_once_however_many_ask(tmp_path: Path) -> None:
+    """A page asks for all files of a package at once."""
+    fetched: list[Path] = []
+
+    class Bucket:
+        def local(self, name: str) -> None:
+            return None
+
+        def fetch(self, name: str, to: Path) -> bool:
+            fetched.append(to)
+            time.sleep(0.1)
+            to.write_bytes(b"a zip")
+            return True
+
+    files = SharedFiles(cast(Any, Bucket()))
+    shared = Package("key", Path(f"packages/{ASSET}-key.zip"), 5, {})
+    with ThreadPoolExecutor(4) as pool:
+        found = {one.file for one in pool.map(files.package, [shared] * 4)}
+    assert found == set(fetched)
+    assert len(fetched) == 1
 
 
 def test_what_callers_see_is_said_of_one_manifest(files: SharedFiles) -> None:

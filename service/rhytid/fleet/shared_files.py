@@ -17,6 +17,7 @@ from __future__ import annotations
 import json
 import secrets
 import struct
+import threading
 import time
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator
@@ -35,6 +36,7 @@ from rhytid.domain.warnings import InputWarning
 from rhytid.engine.messages import AssetInfo, NewAsset, Package
 from rhytid.errors import SharedDamageError, SharedStoreError, StorageError
 from rhytid.processes.decoding.words import read_word
+from rhytid.processes.keyed_locks import KeyedLocks
 from rhytid.processes.packing import pack, places_of
 from rhytid.storage.homes import ID, checked_id
 from rhytid.storage.shared.backend import Backend
@@ -68,6 +70,8 @@ class SharedFiles:
         self._backend = backend
         self._copies: OrderedDict[str, Path] = OrderedDict()
         self._copied: Path | None = None
+        # A package is copied by one thread at a time.
+        self._copying, self._lock = KeyedLocks(), threading.Lock()
 
     def sweep(self) -> None:
         """Remove files of `give` that are a day old: the process that should remove them ended."""
@@ -198,16 +202,23 @@ class SharedFiles:
 
     def _copy(self, name: str) -> Path:
         """A package out of a bucket, whose file stays until eight others have come."""
-        if name not in self._copies:
-            if self._copied is None:
-                self._copied = removed_at_exit(Path(mkdtemp(prefix="rhytid-packages-")))
-            path = self._copied / uuid4().hex
+        with self._copying.holding(name):  # a page asks for many files of a package at once
+            if (known := self._copies.get(name)) is not None:
+                return known
+            path = self._folder_of_copies() / uuid4().hex
             if not self._backend.fetch(name, path):
                 raise SharedStoreError(f"{self._backend}/{name} is gone")
-            self._copies[name] = path
-            while len(self._copies) > _COPIES:
-                self._copies.popitem(last=False)[1].unlink(missing_ok=True)
-        return self._copies[name]
+            with self._lock:
+                self._copies[name] = path
+                while len(self._copies) > _COPIES:
+                    self._copies.popitem(last=False)[1].unlink(missing_ok=True)
+            return path
+
+    def _folder_of_copies(self) -> Path:
+        with self._lock:
+            if self._copied is None:
+                self._copied = removed_at_exit(Path(mkdtemp(prefix="rhytid-packages-")))
+            return self._copied
 
     @contextmanager
     def _fetched(self, name: str) -> Iterator[BinaryIO | None]:
