@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from typing_extensions import override
 
 from rhytid.device.figures import spent_on
@@ -109,13 +109,6 @@ class TileService(Tiles):
         found = self._assets.get(asset)
         found.check_address(TileAddress(udim, 0, 0, 0))
         return self._on_device.use(found, lambda resident: resident.mesh.cushion_triangles(udim))
-
-    def plans_once(
-        self, asset: str, positions: ArrayLike, query: MapQuery, addresses: list[TileAddress]
-    ) -> list[TilePlan]:
-        """Tiles of positions (V, 3) that are not stored, in the order of `addresses`."""
-        frame = self._assets.get(asset).checked(positions)
-        return [self._plan(asset, frame, query, address) for address in addresses]
 
     @override
     def bins(self, asset: str) -> BinManifest:
