@@ -87,6 +87,7 @@ def test_arrays_that_lie_in_a_file_are_sent_on_in_it() -> None:
     kept = handed_on(descriptor, packed.nbytes)
     os.close(descriptor)
     value = unpack(packed.body, packed.places, kept)
+    assert not any(array.flags.writeable for array in value), "else other bytes would be sent"
     part = pack((value[1], "and what is small"))
     near, far = Pipe()
     with near, far:
