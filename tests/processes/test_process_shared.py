@@ -81,5 +81,5 @@ def test_a_machine_in_step_follows_across_its_process(tmp_path: Path) -> None:
         assert found is not None
         assert found.replaced
         with pytest.raises(NotFoundError):
-            other.tiles.plan(asset, "bent", REDRAW, FIRST).draw()
+            other.tiles.draw(asset, "bent", REDRAW, FIRST)
         assert not other.assets.leave(asset), "it was used a moment ago"
