@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -68,6 +69,25 @@ def test_a_given_file_is_there_until_it_was_taken(files: SharedFiles) -> None:
         assert file.read() == b"snapshot"
     files.remove_given(name)
     with pytest.raises(SharedStoreError, match="is gone"), files.given(name):
+        pass
+
+
+def test_a_given_file_of_a_folder_is_read_where_it_is(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A snapshot has gigabytes: no second copy of it has to fit into the temporary folder."""
+    monkeypatch.setattr("rhytid.fleet.shared_files.temporary_folder", None)
+    files = SharedFiles(backend_of(str(folder)))
+    name = files.give([b"snap", b"shot"])
+    with files.given(name) as file:
+        files.remove_given(name)
+        assert file.read() == b"snapshot"
+    (folder / "given").mkdir(exist_ok=True)
+    (folder / name).symlink_to("/dev/zero")
+    with pytest.raises(SharedDamageError, match="no plain file"), files.given(name):
+        pass
+    shutil.rmtree(folder)
+    with pytest.raises(SharedStoreError, match="is it mounted"), files.given(name):
         pass
 
 

@@ -21,7 +21,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from tempfile import mkdtemp
@@ -39,9 +39,9 @@ from rhytid.processes.decoding.words import read_word
 from rhytid.processes.keyed_locks import KeyedLocks
 from rhytid.processes.packing import pack, places_of
 from rhytid.storage.homes import ID, checked_id
-from rhytid.storage.shared.backend import Backend
+from rhytid.storage.shared.backend import Backend, damaged, reached
 from rhytid.support.atomic_files import storage_errors, sweep_partial
-from rhytid.support.ownership import UNIQUE
+from rhytid.support.ownership import UNIQUE, NotPlainError, open_plain
 from rhytid.support.temporary_folders import removed_at_exit, temporary_folder
 
 UPLOADS, INFOS, PACKAGES, GIVEN, KEY = "uploads", "infos", "packages", "given", "jobs.key"
@@ -222,14 +222,26 @@ class SharedFiles:
 
     @contextmanager
     def _fetched(self, name: str) -> Iterator[BinaryIO | None]:
-        """An object as a file on this machine, open; None where there is none."""
-        with temporary_folder("rhytid-given-") as place:
-            path = place / "file"
-            if not self._backend.fetch(name, path):
-                yield None
-                return
-            with path.open("rb") as file:
-                yield file
+        """An object, open; None where there is none. One of a bucket is copied to this machine
+        before."""
+        with ExitStack() as held:
+            path = self._backend.local(name)
+            if path is None:
+                path = held.enter_context(temporary_folder("rhytid-given-")) / "file"
+                if not self._backend.fetch(name, path):
+                    yield None
+                    return
+            yield self._opened(name, path, held)
+
+    def _opened(self, name: str, path: Path, held: ExitStack) -> BinaryIO | None:
+        with reached(f"{path} cannot be read"):
+            try:
+                return held.enter_context(open_plain(path))
+            except FileNotFoundError:
+                self._backend.find(name)  # raises where the whole store is gone
+                return None
+            except NotPlainError as error:
+                raise damaged(self._backend, name, "it is no plain file") from error
 
 
 def written_upload(new: NewAsset) -> Iterator[bytes | memoryview]:
