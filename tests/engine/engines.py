@@ -15,8 +15,7 @@ from pipeline.scenes import random_graph, settings_of, sheet
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.engine import Engine
-from rhytid.engine.frames import Frame
-from rhytid.engine.messages import JobInfo, MapQuery, NewAsset, TilePlan
+from rhytid.engine.messages import JobInfo, MapQuery, NewAsset
 from rhytid.support.settings import ServiceSettings
 
 QUERIES = tuple(MapQuery(method) for method in ("neutral", "redraw", "binned", "convolved"))
@@ -57,14 +56,6 @@ def draw(
 ) -> NDArray[np.float32]:
     """One tile, drawn."""
     return engine.tiles.plan(asset, frame, query, address).draw()
-
-
-def plans_once(
-    engine: Engine, asset: str, positions: Any, query: MapQuery, addresses: list[TileAddress]
-) -> list[TilePlan]:
-    """Tiles of positions that are not stored."""
-    frame = Frame.checked(positions, engine.assets.dimensions(asset).vertices)
-    return [engine.tiles.plan(asset, frame, query, address) for address in addresses]
 
 
 def rest(engine: Engine) -> None:

@@ -17,7 +17,6 @@ from engine.engines import (
     finish,
     maps,
     new_asset,
-    plans_once,
     rest,
     running,
     same,
@@ -28,6 +27,7 @@ from pipeline.scenes import reference_stretch, settings_of, sheet
 from reference.stretch import calibrated_r_max
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.engine import Engine
+from rhytid.engine.frames import Frame
 from rhytid.engine.job import Job
 from rhytid.engine.messages import NewAsset, Refusal
 from rhytid.errors import (
@@ -117,7 +117,7 @@ def test_an_asset_that_builds_is_not_ready(engine, halted):
         lambda: engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).key,
         lambda: engine.tiles.plan_map(asset, "neutral", BINNED, 1001, 0).draw(),
         lambda: engine.frames.put(asset, "bent", positions),
-        lambda: plans_once(engine, asset, positions, REDRAW, [ADDRESS]),
+        lambda: engine.tiles.draw(asset, Frame.of(positions), REDRAW, ADDRESS),
         lambda: engine.assets.calibrate(asset, positions),
         lambda: engine.assets.change(asset, {"depth": 1.0}),
         lambda: engine.assets.graph(asset),

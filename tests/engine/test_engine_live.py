@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from api.live import serving
-from engine.engines import built, new_asset, plans_once, running
+from engine.engines import built, new_asset, running
 from pipeline.scenes import sheet
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery
 from rhytid_client import Client
 
@@ -34,9 +35,9 @@ def test_weights_become_the_tiles_of_their_positions(tmp_path: Path) -> None:
             assert live.asset.unknown == ("tongueOut",)
             live.send(weights=[1.0, 0.5])
             found = {tile.address: tile.array for tile in live.receive()}
-        plans = plans_once(engine, asset, half.astype(np.float32), MapQuery("binned"), TILES)
-        for address, plan in zip(wanted, plans, strict=True):
-            drawn = plan.draw()
+        frame = Frame.of(half.astype(np.float32))
+        for address, at in zip(wanted, TILES, strict=True):
+            drawn = engine.tiles.draw(asset, frame, MapQuery("binned"), at).tile
             assert drawn.any()
             assert found[address].tobytes() == drawn.tobytes()
         assert [frame.name for frame in engine.frames.all(asset)] == ["neutral"]

@@ -14,7 +14,6 @@ from engine.engines import (
     built,
     maps,
     new_asset,
-    plans_once,
     same,
 )
 from meshes import deform, rotate_translate
@@ -23,6 +22,7 @@ from reference import drawing
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets import levels
+from rhytid.engine.frames import Frame
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS, MapQuery
 from rhytid.errors import QueryError
 
@@ -101,8 +101,8 @@ def test_positions_sent_along_give_the_tiles_of_a_stored_frame(made):
     positions = made.engine.frames.positions(made.asset, "bent")
     addresses = [TileAddress(1012, 0, 3, 2), TileAddress(1001, 2, 0, 0), TileAddress(1001, 8, 0, 0)]
     for query in QUERIES:
-        plans = plans_once(made.engine, made.asset, positions, query, addresses)
-        once = [plan.draw() for plan in plans]
+        frame = Frame.of(positions)
+        once = [made.engine.tiles.draw(made.asset, frame, query, a).tile for a in addresses]
         stored = [made.engine.tiles.plan(made.asset, "bent", query, a).draw() for a in addresses]
         assert same(once, stored)
 

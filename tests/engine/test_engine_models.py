@@ -8,12 +8,13 @@ from itertools import product
 import numpy as np
 import pytest
 
-from engine.engines import BINNED, MIB, assembled, built, new_asset, plans_once, running, same
+from engine.engines import BINNED, MIB, assembled, built, new_asset, running, same
 from meshes import deform
 from pipeline.scenes import DEPTH, Scene, random_graph, settings_of, sheet
 from reference import drawing
 from rhytid.domain.asset_settings import PRESETS
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine.frames import Frame
 from rhytid.engine.messages import METHODS, STRETCH_MODELS, MapQuery, NewAsset
 from rhytid.errors import NotFoundError, SettingsError
 
@@ -49,9 +50,7 @@ def test_tiles_of_every_row_are_the_map_and_those_of_positions_sent_along(made, 
     whole = made.engine.tiles.plan_map(made.asset, "bent", query, 1002, 1).draw()
     assert same([whole], [assembled(made.engine, made.asset, "bent", query, 1002, 1)])
     positions = made.engine.frames.positions(made.asset, "bent")
-    once = [
-        plan.draw() for plan in plans_once(made.engine, made.asset, positions, query, [ADDRESS])
-    ]
+    once = [made.engine.tiles.draw(made.asset, Frame.of(positions), query, ADDRESS).tile]
     assert same(once, [made.engine.tiles.plan(made.asset, "bent", query, ADDRESS).draw()])
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,7 +14,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -71,6 +72,25 @@ def test_a_given_file_is_there_until_it_was_taken(files: SharedFiles) -> None:
         pass
 
 
+def test_a_given_file_of_a_folder_is_read_where_it_is(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A snapshot has gigabytes: no second copy of it has to fit into the temporary folder."""
+    monkeypatch.setattr("rhytid.fleet.shared_files.temporary_folder", None)
+    files = SharedFiles(backend_of(str(folder)))
+    name = files.give([b"snap", b"shot"])
+    with files.given(name) as file:
+        files.remove_given(name)
+        assert file.read() == b"snapshot"
+    (folder / "given").mkdir(exist_ok=True)
+    (folder / name).symlink_to("/dev/zero")
+    with pytest.raises(SharedDamageError, match="no plain file"), files.given(name):
+        pass
+    shutil.rmtree(folder)
+    with pytest.raises(SharedStoreError, match="is it mounted"), files.given(name):
+        pass
+
+
 def test_few_packages_of_an_asset_stay(files: SharedFiles, tmp_path: Path) -> None:
     source = tmp_path / "made.zip"
     for number in range(6):
@@ -82,6 +102,28 @@ def test_few_packages_of_an_asset_stay(files: SharedFiles, tmp_path: Path) -> No
     assert len(files._packages(ASSET)) == 4
     files.remove(ASSET)
     assert files._packages(ASSET) == {}
+
+
+def test_a_package_is_copied_once_however_many_ask(tmp_path: Path) -> None:
+    """A page asks for all files of a package at once."""
+    fetched: list[Path] = []
+
+    class Bucket:
+        def local(self, name: str) -> None:
+            return None
+
+        def fetch(self, name: str, to: Path) -> bool:
+            fetched.append(to)
+            time.sleep(0.1)
+            to.write_bytes(b"a zip")
+            return True
+
+    files = SharedFiles(cast(Any, Bucket()))
+    shared = Package("key", Path(f"packages/{ASSET}-key.zip"), 5, {})
+    with ThreadPoolExecutor(4) as pool:
+        found = {one.file for one in pool.map(files.package, [shared] * 4)}
+    assert found == set(fetched)
+    assert len(fetched) == 1
 
 
 def test_what_callers_see_is_said_of_one_manifest(files: SharedFiles) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from contextvars import Context
-from typing import Any
+from multiprocessing import Pipe
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
@@ -11,8 +13,10 @@ from rhytid.device.figures import Figures, spans_of_request
 from rhytid.engine.call_context import drawn_live, is_live
 from rhytid.engine.operations import OPERATIONS
 from rhytid.errors import NotFoundError
+from rhytid.processes.child import _Process
 from rhytid.processes.envelope import Answer, Envelope, Request, answered
 from rhytid.processes.packing import unpack
+from rhytid.processes.wire import Message
 from rhytid.support.logs import request_id
 
 FIGURES = Figures()
@@ -71,3 +75,29 @@ def test_the_id_of_the_request_does_not_make_another_call() -> None:
     assert one.packed.body != other.packed.body
     request_id.reset(token)
     assert one.digest == other.digest
+
+
+def test_an_error_of_the_system_is_logged_where_it_was_raised(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    def fail(envelope: Envelope) -> None:
+        raise PermissionError(13, "no")
+
+    answer = answered(Request(OPERATIONS["assets.info"], ("a",)).envelope, fail, lambda: False)
+    assert isinstance(answer.value, PermissionError)
+    (record,) = caplog.records
+    assert record.getMessage() == "assets.info failed"
+    assert record.exc_info is not None
+
+
+def test_an_answer_that_cannot_be_sent_is_an_error() -> None:
+    """Else the line would end, and its user wait for the end of the process."""
+    process = _Process(cast(Any, None))
+    process._engine = cast(Any, SimpleNamespace(jobs=SimpleNamespace(info=lambda id: lambda: id)))
+    packed = Request(OPERATIONS["jobs.info"], ("a",)).packed
+    near, far = Pipe()
+    with near, far:
+        found = process._answered(Message(packed.body, packed.places), near)
+    answer: Answer = unpack(found.body, found.places, None)
+    assert not answer.good
+    assert isinstance(answer.value, RuntimeError)

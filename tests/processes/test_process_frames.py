@@ -6,14 +6,18 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from engine.engines import built, new_asset, running
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine import call_context
 from rhytid.engine.byte_budget import ByteBudget
+from rhytid.engine.frames import Frame
 from rhytid.engine.messages import AssetInfo, FrameInfo, MapQuery, NewAsset
 from rhytid.engine.operations import OPERATIONS, Proxy
 from rhytid.errors import DeviceLostError, NotFoundError
@@ -328,3 +332,33 @@ def test_many_threads_see_what_was_stored_last(server: Server) -> None:
         for reader in readers:
             reader.result(SECONDS)
     assert wrong == []
+
+
+def test_positions_that_are_not_stored_are_sent_once(tmp_path: Path) -> None:
+    """Every call that takes them knows them by their digest from then on."""
+    sent: list[bool] = []
+
+    with running(tmp_path) as engine:
+
+        def call(request: Request, prepare: Any = None) -> Any:
+            assert request.unstored is not None
+            sent.append(request.unstored.positions is not None)
+            return request.envelope.perform(engine)
+
+        asset = built(engine, new_asset())
+        uploads = UploadHolds(ByteBudget(0, "RHYTID_HOST_MEMORY_MB"))
+        transport = cast(Any, SimpleNamespace(call=call))
+        ledger = FrameLedger(0, cast(Any, None))
+        remote = Proxy(RemoteCalls(transport, ledger, JobLedger(), uploads))
+        bent = Frame.of(1.1 * engine.frames.positions(asset, "neutral"))
+        tiles = set()
+        for _ in range(3):
+            remote.frames.warnings(asset, bent)
+            tiles.add(remote.tiles.draw(asset, bent, MapQuery(), WHOLE).tile.tobytes())
+        assert remote.assets.calibrate(asset, bent).kind == "calibration"
+        assert len(tiles) == 1
+        assert sent == [True] + 6 * [False]
+        # Beside many others they are forgotten, and sent again.
+        engine.assets._assets.frame_memory._recent.clear()
+        remote.frames.warnings(asset, bent)
+        assert sent[-2:] == [False, True]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -138,6 +139,71 @@ def test_a_job_of_an_ended_process_is_what_became_of_it(
     assert (now.id, now.state) == ("j", state)
 
 
+def test_a_job_that_is_lost_is_cancelled_after_it_was_asked_for() -> None:
+    """Its build goes on under another id, which its old one stands for until the end."""
+    jobs = {"new": replace(JOB, id="new")}
+
+    def call(request: Request, prepare: Any = None) -> Any:
+        if request.operation.name == "assets.info":
+            return replace(ASSET, state="building", job="new")
+        if request.positional[0] not in jobs:
+            raise NotFoundError("no such job")
+        if request.operation.name == "jobs.cancel":
+            jobs["new"] = replace(jobs["new"], state="cancelled")
+        return jobs[request.positional[0]]
+
+    ledger = JobLedger()
+    ledger.keep(JOB)
+    ledger.lose()
+    remote = calls_over(call, jobs=ledger).jobs
+    assert (remote.info("j").id, remote.info("j").state) == ("j", "running")
+    assert (remote.cancel("j").id, remote.cancel("j").state) == ("j", "cancelled")
+
+
+def test_a_job_that_this_side_answers_is_remembered() -> None:
+    def call(request: Request, prepare: Any = None) -> Any:
+        raise NotFoundError("no")
+
+    own = {"packages.of": lambda asset: replace(JOB, kind="package")}
+    remote = calls_over(call, own=own)
+    assert remote.packages.of("a") == replace(JOB, kind="package")
+    assert remote.jobs.info("j").state == "failed"
+
+
+def calls_over(
+    call: Any,
+    frames: FrameLedger | None = None,
+    jobs: JobLedger | None = None,
+    own: Mapping[str, Any] = MappingProxyType({}),
+) -> Proxy:
+    """An engine whose calls `call` answers, but for its own."""
+    transport = cast(Any, SimpleNamespace(call=call, forget=lambda asset: None))
+    uploads = UploadHolds(ByteBudget(0, "RHYTID_HOST_MEMORY_MB"))
+    ledger = FrameLedger(0, lambda *_: None)
+    return Proxy(RemoteCalls(transport, frames or ledger, jobs or JobLedger(), uploads, own))
+
+
+def test_frames_go_with_an_asset_that_was_removed_elsewhere() -> None:
+    """Else they would come back in the next process, with an asset that is sent again."""
+    asked: list[str] = []
+
+    def call(request: Request, prepare: Any = None) -> Any:
+        asked.append(request.operation.name)
+        if request.operation.name == "assets.follow":
+            raise NotFoundError("no asset")
+        return AssetDimensions("a", 3, 1, (1001,), TileGrid(64, 64), (0.0, 0.0, 0.0))
+
+    ledger = FrameLedger(1000, lambda *_: None)
+    ledger.keep("a", "smile", FRAME, ONE, ledger.mark())
+    assets = calls_over(call, ledger).assets
+    assets.dimensions("a")
+    with pytest.raises(NotFoundError):
+        assets.follow("a", replace=False)
+    assert ledger.names("a") == []
+    assets.dimensions("a")
+    assert asked.count("assets.dimensions") == 2
+
+
 def test_the_second_strike_refuses_until_an_answer_or_a_change() -> None:
     refusals = Refusals()
 
@@ -255,10 +321,7 @@ def test_what_never_changes_is_asked_once_until_the_asset_is_removed() -> None:
         sizes = (3, 1) if request.asset == "a" else (0, 0)
         return AssetDimensions(request.asset, *sizes, (1001,), TileGrid(64, 64), (0.0, 0.0, 0.0))
 
-    transport = cast(Any, SimpleNamespace(call=call, forget=lambda asset: None))
-    uploads = UploadHolds(ByteBudget(0, "RHYTID_HOST_MEMORY_MB"))
-    ledger = FrameLedger(0, lambda *_: None)
-    assets = Proxy(RemoteCalls(transport, ledger, JobLedger(), uploads)).assets
+    assets = calls_over(call).assets
     for _ in range(2):
         assert assets.dimensions("a").vertices == 3
     assets.delete("a")

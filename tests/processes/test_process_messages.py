@@ -8,6 +8,7 @@ import resource
 import threading
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -36,6 +37,7 @@ from rhytid.processes.packing import (
     unpack,
 )
 from rhytid.processes.wire import Message, close_all, readable, receive, send
+from rhytid.storage.snapshots import OpenFile
 
 DRAW = OPERATIONS["tiles.draw"]
 SIZES = st.lists(st.integers(0, 5 * APART), max_size=4)
@@ -85,6 +87,7 @@ def test_arrays_that_lie_in_a_file_are_sent_on_in_it() -> None:
     kept = handed_on(descriptor, packed.nbytes)
     os.close(descriptor)
     value = unpack(packed.body, packed.places, kept)
+    assert not any(array.flags.writeable for array in value), "else other bytes would be sent"
     part = pack((value[1], "and what is small"))
     near, far = Pipe()
     with near, far:
@@ -113,6 +116,22 @@ def answer_once(far: Connection) -> None:
     packed.write(mapped(offer.descriptors[0], offer.room))
     close_all(offer.descriptors)
     send(far, Message(packed.body, packed.places))
+
+
+def test_a_message_has_few_descriptors() -> None:
+    """A decoder that strangers' bytes have taken over cannot use up those of the server."""
+    near, far = Pipe()
+    with near, far, Path("/dev/null").open("rb") as file:
+        sent = (file.fileno(),) * 2
+        send(far, Message(b"a", descriptors=sent))
+        found = receive(near)
+        assert found is not None
+        assert len(found.descriptors) == 2
+        close_all(found.descriptors)
+        open_before = os.listdir("/proc/self/fd")  # noqa: PTH208
+        send(far, Message(b"a", descriptors=(*sent, file.fileno())))
+        assert receive(near) is None
+        assert os.listdir("/proc/self/fd") == open_before  # noqa: PTH208
 
 
 def test_a_private_mapping_is_not_written_back() -> None:
@@ -147,6 +166,18 @@ def test_equal_requests_have_equal_digests() -> None:
     assert request("one").digest != request("two").digest
     assert request("one").digest != request("one", 9001).digest
     assert request("one").number != request("one").number
+
+
+def test_calls_with_files_are_the_same_where_their_bytes_are(tmp_path: Path) -> None:
+    digests = []
+    for name, content in (("one", b"1" * 100), ("same", b"1" * 100), ("other", b"2" * 100)):
+        (tmp_path / name).write_bytes(content)
+        with (tmp_path / name).open("rb") as file:
+            sent = (OpenFile(file.fileno()), 100)
+            digests.append(Request(OPERATIONS["snapshots.restore"], sent).digest)
+            assert file.read() == content, "its position is left alone"
+    assert digests[0] == digests[1]
+    assert digests[0] != digests[2]
 
 
 def answering(far: Connection, answer: Any) -> threading.Thread:

@@ -14,13 +14,15 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
 from api.asking import is_problem
 from processes.served import LONG, await_value, serving
 from rhytid.device.watch import Purpose
+from rhytid.engine.frames import Frame, UnknownFrameError
 from rhytid.engine.operations import OPERATIONS
-from rhytid.errors import DeviceError, DeviceLostError
+from rhytid.errors import DeviceError, DeviceLostError, FatalRequestError
 from rhytid.processes import device_process, supervisor
 from rhytid.processes.device_process import DeviceProcess, Ending
 from rhytid.processes.envelope import Answer, Request
@@ -29,6 +31,7 @@ from rhytid.processes.wire import Start
 from rhytid.support.settings import ServiceSettings
 
 KILLED = Ending("killed", "it ended by SIGKILL", Purpose())
+SEGV = Ending("fault", "it ended by SIGSEGV", Purpose())
 NO_ROOM = BlockingIOError(11, "Resource temporarily unavailable")
 
 
@@ -151,6 +154,23 @@ def test_who_asks_meanwhile_is_told_at_once(
         assert refused.value.retry_after > 0
         starts.failing = []
         await_value(lambda: running.ready)
+
+
+def test_a_process_that_lacks_the_positions_absolves_nothing(starts: Starts) -> None:
+    """What ended a process is asked of the next by the digest of its frame alone, and then sent
+    whole: that counts as the same call."""
+    positions = np.zeros((3, 3), np.float32)
+    drawing = Request(OPERATIONS["tiles.draw"], ("a", Frame.of(positions), "query", "place"))
+    with supervised() as running:
+        running.start()
+        running._refusals.strike(drawing, SEGV)
+        unknown = Answer(False, UnknownFrameError("it is not here"))
+        starts.made[0].lines = SimpleNamespace(ask=lambda *_: unknown)
+        with pytest.raises(UnknownFrameError):
+            running.call(drawing.bare)
+        running._refusals.strike(drawing, SEGV)
+        with pytest.raises(FatalRequestError):
+            running.call(drawing)
 
 
 def test_the_server_is_not_well_without_a_process_for_long(

@@ -128,7 +128,7 @@ class HoldUntilSent:
     piece is on its way or the client is gone.
 
     It is the outermost middleware, so that pieces pass no other. It counts the pieces in the scope,
-    where `cli.connections` sees whether a client takes its answer.
+    where `server.connections` sees whether a client takes its answer.
     """
 
     def __init__(self, app: ASGIApp) -> None:

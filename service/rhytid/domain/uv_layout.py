@@ -25,7 +25,6 @@ _BLOCK = 16
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Span = tuple[IntArray, IntArray, IntArray, IntArray]
-PartSpans = tuple[slice, IntArray, IntArray, IntArray, IntArray]
 
 
 @dataclass(frozen=True)

@@ -205,10 +205,8 @@ class DeviceWorker:
             self._runs = True
             if self._first:
                 return None, self._first.popleft()
-            waiting_requests = [lane for lane in self._lanes.values() if lane.turns]
-            lane = min(
-                waiting_requests, key=lambda lane: lane.spent
-            )  # the live one where both had as much
+            lanes = [lane for lane in self._lanes.values() if lane.turns]
+            lane = min(lanes, key=lambda lane: lane.spent)  # the live one where both had as much
             self._changed.notify_all()
             return lane, lane.take()
 

@@ -17,10 +17,11 @@ from __future__ import annotations
 import json
 import secrets
 import struct
+import threading
 import time
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from tempfile import mkdtemp
@@ -35,11 +36,12 @@ from rhytid.domain.warnings import InputWarning
 from rhytid.engine.messages import AssetInfo, NewAsset, Package
 from rhytid.errors import SharedDamageError, SharedStoreError, StorageError
 from rhytid.processes.decoding.words import read_word
+from rhytid.processes.keyed_locks import KeyedLocks
 from rhytid.processes.packing import pack, places_of
 from rhytid.storage.homes import ID, checked_id
-from rhytid.storage.shared.backend import Backend
+from rhytid.storage.shared.backend import Backend, damaged, reached
 from rhytid.support.atomic_files import storage_errors, sweep_partial
-from rhytid.support.ownership import UNIQUE
+from rhytid.support.ownership import UNIQUE, NotPlainError, open_plain
 from rhytid.support.temporary_folders import removed_at_exit, temporary_folder
 
 UPLOADS, INFOS, PACKAGES, GIVEN, KEY = "uploads", "infos", "packages", "given", "jobs.key"
@@ -68,6 +70,8 @@ class SharedFiles:
         self._backend = backend
         self._copies: OrderedDict[str, Path] = OrderedDict()
         self._copied: Path | None = None
+        # A package is copied by one thread at a time.
+        self._copying, self._lock = KeyedLocks(), threading.Lock()
 
     def sweep(self) -> None:
         """Remove files of `give` that are a day old: the process that should remove them ended."""
@@ -198,27 +202,46 @@ class SharedFiles:
 
     def _copy(self, name: str) -> Path:
         """A package out of a bucket, whose file stays until eight others have come."""
-        if name not in self._copies:
-            if self._copied is None:
-                self._copied = removed_at_exit(Path(mkdtemp(prefix="rhytid-packages-")))
-            path = self._copied / uuid4().hex
+        with self._copying.holding(name):  # a page asks for many files of a package at once
+            if (known := self._copies.get(name)) is not None:
+                return known
+            path = self._folder_of_copies() / uuid4().hex
             if not self._backend.fetch(name, path):
                 raise SharedStoreError(f"{self._backend}/{name} is gone")
-            self._copies[name] = path
-            while len(self._copies) > _COPIES:
-                self._copies.popitem(last=False)[1].unlink(missing_ok=True)
-        return self._copies[name]
+            with self._lock:
+                self._copies[name] = path
+                while len(self._copies) > _COPIES:
+                    self._copies.popitem(last=False)[1].unlink(missing_ok=True)
+            return path
+
+    def _folder_of_copies(self) -> Path:
+        with self._lock:
+            if self._copied is None:
+                self._copied = removed_at_exit(Path(mkdtemp(prefix="rhytid-packages-")))
+            return self._copied
 
     @contextmanager
     def _fetched(self, name: str) -> Iterator[BinaryIO | None]:
-        """An object as a file on this machine, open; None where there is none."""
-        with temporary_folder("rhytid-given-") as place:
-            path = place / "file"
-            if not self._backend.fetch(name, path):
-                yield None
-                return
-            with path.open("rb") as file:
-                yield file
+        """An object, open; None where there is none. One of a bucket is copied to this machine
+        before."""
+        with ExitStack() as held:
+            path = self._backend.local(name)
+            if path is None:
+                path = held.enter_context(temporary_folder("rhytid-given-")) / "file"
+                if not self._backend.fetch(name, path):
+                    yield None
+                    return
+            yield self._opened(name, path, held)
+
+    def _opened(self, name: str, path: Path, held: ExitStack) -> BinaryIO | None:
+        with reached(f"{path} cannot be read"):
+            try:
+                return held.enter_context(open_plain(path))
+            except FileNotFoundError:
+                self._backend.find(name)  # raises where the whole store is gone
+                return None
+            except NotPlainError as error:
+                raise damaged(self._backend, name, "it is no plain file") from error
 
 
 def written_upload(new: NewAsset) -> Iterator[bytes | memoryview]:

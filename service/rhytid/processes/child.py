@@ -22,7 +22,7 @@ from rhytid.device.watch import SIZE, Purpose, Report, report_to, used_for
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import AssetInfo
 from rhytid.errors import NotFoundError, RhytidError
-from rhytid.processes.envelope import Envelope, answered
+from rhytid.processes.envelope import Answer, Envelope, answered
 from rhytid.processes.packing import Bytes, Packed, mapped, pack, private, unpack
 from rhytid.processes.wire import (
     Close,
@@ -131,6 +131,9 @@ class _Process:
             answer = answered(envelope, self._perform, partial(_hung_up, line))
             try:
                 return pack(answer)
+            except Exception as error:  # noqa: BLE001 the server raises it
+                _log.exception("the answer to %s cannot be sent", envelope.name)
+                return pack(Answer(False, _sendable(error), answer.spans))
             finally:
                 if isinstance(answer.value, Snapshot):  # the server opens its files
                     answer.value.close()

@@ -19,6 +19,7 @@ from rhytid.engine.frames import Frame
 from rhytid.engine.operations import OPERATIONS, Operation
 from rhytid.errors import RhytidError
 from rhytid.processes.packing import Packed, pack
+from rhytid.storage.snapshots import PIECE, OpenFile
 from rhytid.support.build_identity import drawing_version
 from rhytid.support.logs import request_id
 
@@ -119,6 +120,10 @@ class Request:
         digest = hashlib.sha256(packed.body)
         for array in packed.arrays:
             digest.update(array)
+        for descriptor in packed.files:  # of which the pickle has the number alone
+            file = OpenFile(descriptor)
+            while piece := file.read(PIECE):
+                digest.update(piece)
         return digest.hexdigest()
 
     @property
@@ -181,7 +186,10 @@ def answered(
     with kept as spans, call_context.abandoned_when(gone), drawn_live(envelope.live):
         try:
             value = perform(envelope)
-        except (RhytidError, OSError) as error:
+        except RhytidError as error:
+            return Answer(False, error, tuple(spans))
+        except OSError as error:
+            _log.exception("%s failed", envelope.name)  # the sender gets no traceback
             return Answer(False, error, tuple(spans))
         except Exception as error:  # noqa: BLE001 the sender raises it
             _log.exception("%s failed", envelope.name)

@@ -29,9 +29,12 @@ class JobLedger:
         self._jobs: OrderedDict[str, _Known] = OrderedDict()
 
     def keep(self, info: JobInfo) -> JobInfo:
-        """Remember a job as it is; the job itself."""
+        """Remember a job as it is; the job itself. A job that is lost stays as it was when its
+        process ended: what became of it since has another id there."""
         with self._lock:
-            self._jobs[info.id] = _Known(info)
+            known = self._jobs.get(info.id)
+            if known is None or not known.lost:
+                self._jobs[info.id] = _Known(info)
             self._jobs.move_to_end(info.id)
             while len(self._jobs) > _REMEMBERED:
                 self._jobs.popitem(last=False)

@@ -55,9 +55,10 @@ def private(descriptor: int, nbytes: int) -> Bytes:
 
 
 def handed_on(descriptor: int, nbytes: int) -> Bytes:
-    """As `private`; arrays of it are sent on in the file that they lie in, without a copy. Holds a
-    descriptor until its last array is forgotten: for few and large files alone."""
+    """As `private`, and read-only: arrays of it are sent on in the file that they lie in, without a
+    copy. Holds a descriptor until its last array is forgotten: for few and large files alone."""
     memory = private(descriptor, nbytes)
+    memory.flags.writeable = False  # what was written here would not be sent on
     address, file = memory.ctypes.data, _KeptFile(os.dup(descriptor), nbytes)
     _kept[address] = file
     # What is registered last is called first: before the memory is given back.

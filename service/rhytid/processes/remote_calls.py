@@ -162,25 +162,32 @@ class RemoteCalls:
         return answer
 
     def _remove(self, request: Request) -> None:
-        asset = request.asset
         try:
             self._transport.call(request)
         except NotFoundError:
-            self._frames.forget(asset)
+            self._forget(request.asset)
             if request.sent == 1:
                 raise
-        self._frames.forget(asset)
-        for key in [key for key in list(self._constants) if key[1] == asset]:
-            self._constants.pop(key, None)
-        self._transport.forget(asset)
+        self._forget(request.asset)
 
     def _drop(self, request: Request) -> Any:
-        answer = self._transport.call(request)
+        try:
+            answer = self._transport.call(request)
+        except NotFoundError:  # it was removed elsewhere, and now here
+            self._forget(request.asset)
+            raise
         if answer is True or (isinstance(answer, FollowedAsset) and answer.replaced):
             # The process has the asset no more, or another in its place, without frames.
             self._frames.forget(request.asset)
         self._transport.forget(request.asset)
         return answer
+
+    def _forget(self, asset: str) -> None:
+        """The asset is gone, and its frames."""
+        self._frames.forget(asset)
+        for key in [key for key in list(self._constants) if key[1] == asset]:
+            self._constants.pop(key, None)
+        self._transport.forget(asset)
 
     def _create(self, request: Request) -> Any:
         """A new asset. What a process of this machine has of its frames is kept, and their bytes

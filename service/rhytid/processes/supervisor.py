@@ -17,6 +17,7 @@ from typing import Any
 
 from rhytid.device import figures
 from rhytid.device.figures import Figures
+from rhytid.engine.frames import UnknownFrameError
 from rhytid.engine.messages import Refusal
 from rhytid.errors import DeviceError, DeviceLostError, FatalRequestError
 from rhytid.processes.device_process import DeviceProcess, Ending
@@ -156,7 +157,8 @@ class Supervisor:
             raise
         finally:
             self._asked.pop(request.number, None)
-        self._refusals.absolve(request)
+        if not isinstance(answer.value, UnknownFrameError):  # else it was not worked on at all
+            self._refusals.absolve(request)
         return answer.open()
 
     @contextmanager

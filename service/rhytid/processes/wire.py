@@ -25,6 +25,8 @@ from rhytid.support.settings import ServiceSettings
 # answer.
 _HEAD = struct.Struct("<IIQQ")
 _PLACE = struct.Struct("<QQ")
+# Descriptors of a message, at most: of the memory with its arrays, and of a file.
+_MOST_DESCRIPTORS = 2
 
 
 @dataclass(frozen=True)
@@ -54,11 +56,13 @@ def send(line: Connection, message: Message) -> None:
 
 def receive(line: Connection) -> Message | None:
     """The next message, whose descriptors are the caller's to close; None where the other side is
-    gone."""
+    gone, or sends more descriptors than a message has."""
     files: list[int] = []
     try:
         data = line.recv_bytes()
         arrays, count, shared, room = _HEAD.unpack_from(data)
+        if count > _MOST_DESCRIPTORS:  # a decoder has read strangers' bytes
+            return None
         for _ in range(count):
             files.append(recv_handle(line))
             os.set_inheritable(files[-1], False)

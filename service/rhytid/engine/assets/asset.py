@@ -140,12 +140,15 @@ class Asset:
         return AssetDimensions(self.id, self.vertices, self.triangles, self.udims, grid, centre)
 
     def checked(self, positions: ArrayLike | Frame) -> Frame:
-        """Positions (V, 3) as a frame; raises FrameError. Those of a frame were checked before."""
+        """Positions (V, 3) as a frame that has them; those of a frame were checked before. Raises
+        FrameError, and UnknownFrameError for a frame without positions that are not here."""
         if not isinstance(positions, Frame):
             return Frame.checked(positions, self.vertices)
-        if positions.positions is not None and len(positions.positions) != self.vertices:
-            return Frame.checked(positions.positions, self.vertices)  # which raises
-        return positions
+        found = self.frames.recent(positions) if positions.positions is None else positions
+        assert found.positions is not None
+        if len(found.positions) != self.vertices:
+            return Frame.checked(found.positions, self.vertices)  # which raises
+        return found
 
     def info(self) -> AssetInfo:
         """The asset as a caller sees it."""
