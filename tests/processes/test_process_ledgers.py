@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from rhytid.device.watch import SIZE, Purpose, Report
-from rhytid.domain.tiles import TileGrid
+from rhytid.domain.tiles import MapAddress, TileGrid
 from rhytid.engine.byte_budget import ByteBudget
-from rhytid.engine.messages import AssetDimensions, AssetInfo, JobInfo
+from rhytid.engine.messages import AssetDimensions, AssetInfo, JobInfo, MapQuery
 from rhytid.engine.operations import OPERATIONS, Proxy
 from rhytid.errors import FatalRequestError, NotFoundError
 from rhytid.processes.device_process import Ending, ending_of
@@ -331,6 +331,18 @@ def test_what_never_changes_is_asked_once_until_the_asset_is_removed() -> None:
     for _ in range(2):
         assets.dimensions("failed")
     assert asked[3:] == ["assets.dimensions"] * 2
+
+
+def test_what_a_call_addresses_may_be_named() -> None:
+    """As the signatures of operations say."""
+    sent: list[Request] = []
+    remote = calls_over(lambda request, prepare=None: sent.append(request))
+    remote.tiles.draw(asset="a", frame="smile", query=MapQuery(), place=MapAddress(1001, 0))
+    remote.packages.of("a", key="k", begin=False)
+    remote.frames.delete(frame="smile", asset="a")
+    assert [(one.asset, one.frame) for one in sent] == [("a", "smile"), ("a", ""), ("a", "smile")]
+    assert sent[0].positional == ("a", "smile", MapQuery(), MapAddress(1001, 0))
+    assert (sent[1].positional, sent[1].named) == (("a",), {"key": "k", "begin": False})
 
 
 def test_bytes_of_uploads_come_free_with_their_job_or_their_process() -> None:

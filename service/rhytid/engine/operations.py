@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from inspect import signature
 from typing import Any, Literal, Protocol, TypeVar, cast
 
 from numpy import float32, integer
@@ -59,7 +60,8 @@ class Operation:
     part, method: the attribute of the engine and its method, such as `tiles` and `draw`; part is
     empty for methods of the engine itself.  addresses: what the first arguments name.  effect: what
     it does to that.  spread: any engine that has the asset may do it.  constant: of an asset the
-    answer stays the same for as long as the asset exists.  name: both, such as `tiles.draw`.
+    answer stays the same for as long as the asset exists.  parameters: names of the arguments that
+    may come by place.  name: part and method, such as `tiles.draw`.
 
     Every operation may be sent again: doing it twice is doing it once, but that the second removal
     finds nothing.
@@ -71,6 +73,7 @@ class Operation:
     effect: Effect = "read"
     spread: bool = False
     constant: bool = False
+    parameters: tuple[str, ...] = ()
     name: str = field(init=False)
 
     def __post_init__(self) -> None:
@@ -88,6 +91,17 @@ class Operation:
         method: Callable[..., Any] = getattr(owner, self.method)
         return method
 
+    def placed(
+        self, positional: tuple[Any, ...], named: Mapping[str, Any]
+    ) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        """The arguments of a call, by place where they may be: what it addresses comes first."""
+        rest = dict(named)
+        for name in self.parameters[len(positional) :]:
+            if name not in rest:
+                break
+            positional = (*positional, rest.pop(name))
+        return positional, rest
+
 
 OPERATIONS: dict[str, Operation] = {}
 
@@ -104,7 +118,9 @@ def operation(
     def enter(method: Method) -> Method:
         protocol, _, name = method.__qualname__.partition(".")
         part = "" if protocol == "Engine" else protocol.lower()
-        row = Operation(part, name, addresses, effect, spread, constant)
+        _, *found = signature(method).parameters.values()
+        parameters = tuple(one.name for one in found if one.kind is one.POSITIONAL_OR_KEYWORD)
+        row = Operation(part, name, addresses, effect, spread, constant, parameters)
         OPERATIONS[row.name] = row
         return method
 

@@ -109,6 +109,7 @@ class RemoteCalls:
 
     def __call__(self, operation: Operation, *positional: Any, **named: Any) -> Any:
         """The answer of the engine; raises what it raises, and what the transport does."""
+        positional, named = operation.placed(positional, named)
         if operation.name in self._own:
             return self._noted(self._own[operation.name](*positional, **named))
         if operation.constant:
