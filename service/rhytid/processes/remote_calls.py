@@ -127,20 +127,18 @@ class RemoteCalls:
             self._jobs.note(answer.job, answer.id)
         return answer
 
-    def _plain(
-        self, request: Request, prepare: Callable[[DeviceProcess], None] | None = None
-    ) -> Any:
+    def _plain(self, request: Request) -> Any:
         """The answer. A frame that is not stored is sent with the first of its calls alone."""
         frame = request.unstored
         if frame is None:
-            return self._transport.call(request, prepare)
+            return self._transport.call(request)
         if frame.positions is None or frame.digest in self._sent:
             try:
-                return self._transport.call(request.bare, prepare)
+                return self._transport.call(request.bare)
             except UnknownFrameError:
                 if frame.positions is None:
                     raise
-        answer = self._transport.call(request, prepare)
+        answer = self._transport.call(request)
         self._sent[frame.digest] = None
         while len(self._sent) > _SENT_FRAMES:
             self._sent.popitem(last=False)
