@@ -4,7 +4,7 @@ A method of a protocol below is the signature and the documentation of an operat
 above it is its row: what it addresses and what it does. Everything that carries operations to an
 engine (the process of a device, a fleet) reads these rows, and nothing else lists operations. A new
 operation takes three places: its row here, the method of the engine, and the route that asks for
-it.
+it, whose scope stands in `api/access.py`.
 """
 
 from __future__ import annotations
