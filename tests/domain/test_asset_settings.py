@@ -67,7 +67,8 @@ def test_an_unknown_preset_is_refused(name: object) -> None:
 
 
 PAPER = {
-    "response": {"ends": 0.0, "soft_limits": False, "pore_depth_limit": 4.0},
+    "response": {"ends": 0.0, "soft_limits": False, "pore_depth_limit": 4.0, "folds": 0.0},
+    "graph": {"rank": 0.0, "patches": 0.0, "events": 0.0},
     "shape": {
         "wrinkle_bulge": 2.5,
         "curvature": 0.0,
@@ -91,9 +92,16 @@ def test_the_preset_paper_draws_hard_and_straight() -> None:
 
 def test_presets_set_the_same_keys() -> None:
     for preset in PRESETS.values():
-        assert {"response": set(preset.response), "shape": set(preset.shape)} == {
+        assert {part: set(getattr(preset, part)) for part in PAPER} == {
             part: set(values) for part, values in PAPER.items()
         }
+
+
+def test_a_change_of_the_preset_leaves_the_graph_as_it_was_grown() -> None:
+    grown = AssetSettings.parse({"graph": {"rank": 0.5}})
+
+    assert grown.changed({"preset": "paper"}).graph == grown.graph
+    assert AssetSettings.parse({"preset": "paper", "graph": {"rank": 0.5}}).graph.rank == 0.5
 
 
 def test_keys_beside_a_preset_go_before_it_and_others_stay() -> None:

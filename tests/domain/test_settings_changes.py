@@ -56,7 +56,7 @@ def test_settings_of_the_synthesis_that_name_the_same_skin_are_no_change() -> No
 
 
 def test_of_many_some_are_told() -> None:
-    assert "; and 10 settings more." in told(
+    assert "; and 11 settings more." in told(
         AssetSettings.parse({"preset": "paper"}), AssetSettings()
     )
 

@@ -56,6 +56,12 @@ class GraphSettings:
     anisotropy: how far lines keep to their direction: 0 any way, 2 one direction alone
     scale: factor of the width of wrinkles
     pore_radius: factor of the radius of pores
+    rank: how far lines come in orders, few long deep leaders before secondary and fine ones; 0 is
+        one order of lines over primary ones
+    patches: how far strength, density, pore size and direction of lines vary from one patch of 2 to
+        15 mm to the next, times what `region` makes of it; 0 is even skin
+    events: factor of the number of single features: follicle bumps, papules, scars, milia, moles
+        and clusters of enlarged pores; 0 is none
     """
 
     spacing: float | None = number(None, 1e-30, 1e30)
@@ -71,6 +77,9 @@ class GraphSettings:
     anisotropy: float = number(1.0, 0.0, 2.0)
     scale: float = number(1.0, 1 / 4, 4.0)
     pore_radius: float = number(1.0, 1 / 4, 4.0)
+    rank: float = number(1.0, 0.0, 2.0)
+    patches: float = number(1.0, 0.0, 2.0)
+    events: float = number(1.0, 0.0, 4.0)
 
     @property
     def start(self) -> int:
@@ -95,6 +104,8 @@ class ResponseSettings:
         each end and are linear between
     soft_limits: log stretch and scales bend into their limits, in place of a clamp
     pore_depth_limit: how many times as deep a pore becomes at most; wrinkles 4 times
+    folds: share of the shortening that folds of the mesh itself take which lines then do not show
+        again; 0 is none
     """
 
     alpha_w: float = number(1.0, 0.0, 64.0)
@@ -105,6 +116,7 @@ class ResponseSettings:
     ends: float = number(1.0, 0.0, 1.0)
     soft_limits: bool = choice(True, False, True)
     pore_depth_limit: float = number(1.25, 1.1, 4.0)
+    folds: float = number(1.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -216,17 +228,20 @@ class ConvolveSettings:
 
 @dataclass(frozen=True)
 class Preset:
-    """The settings that a preset sets: all of the bins but for `r_max`, and some keys of `response`
-    and `shape`, the same keys in every preset."""
+    """The settings that a preset sets: all of the bins but for `r_max`, and some keys of
+    `response`, `shape` and `graph`, the same keys in every preset. Those of `graph` count where
+    skin is grown: a change of the preset leaves the graph of an asset as it is."""
 
     bins: BinSettings
     response: Mapping[str, Any]
     shape: Mapping[str, Any]
+    graph: Mapping[str, Any]
 
 
 # As the paper draws: hard limits, straight even lines, nothing done for lines below a texel, flat
-# plates.
-_PAPER_RESPONSE = {"ends": 0.0, "soft_limits": False, "pore_depth_limit": 4.0}
+# plates; and one order of lines on even skin.
+_PAPER_RESPONSE = {"ends": 0.0, "soft_limits": False, "pore_depth_limit": 4.0, "folds": 0.0}
+_PAPER_GRAPH = {"rank": 0.0, "patches": 0.0, "events": 0.0}
 _PAPER_SHAPE = {
     "wrinkle_bulge": 2.5,
     "curvature": 0.0,
@@ -245,11 +260,12 @@ def _usual(settings: Any, names: Mapping[str, Any]) -> dict[str, Any]:
 # The bins of `best` came closest to `redraw` of all that were measured at no more than twice the
 # time of `paper`, the paper's own choice. Its other settings are the defaults.
 PRESETS: dict[str, Preset] = {
-    "paper": Preset(BinSettings(), _PAPER_RESPONSE, _PAPER_SHAPE),
+    "paper": Preset(BinSettings(), _PAPER_RESPONSE, _PAPER_SHAPE, _PAPER_GRAPH),
     "best": Preset(
         BinSettings(pore_samples=5, merge="soft", depth_factored=True, tilt=True, reach=1.25),
         _usual(ResponseSettings(), _PAPER_RESPONSE),
         _usual(ShapeSettings(), _PAPER_SHAPE),
+        _usual(GraphSettings(), _PAPER_GRAPH),
     ),
 }
 DEFAULT_PRESET = "best"
@@ -259,7 +275,8 @@ DEFAULT_PRESET = "best"
 class AssetSettings:
     """Everything that can be set for an asset; `None` is resolved when the asset is built.
 
-    Naming a `preset` sets the bins but for `r_max`, and how lines and limits are drawn (`Preset`).
+    Naming a `preset` sets the bins but for `r_max`, how lines and limits are drawn, and how skin is
+    grown (`Preset`).
 
     unit: length unit of the mesh, written into files: mm, cm, dm, m, um, in or ft, or a number of
         one, as `"5.5cm"`; or any other where no length follows from it; null is that of a given
@@ -273,8 +290,9 @@ class AssetSettings:
     angles: where angles between wrinkles and axes of stretch are taken: in UV, as the paper does,
         or in the neutral tangent plane (`"surface"`)
     preset: choice of bins, the closest to `redraw` at no more than twice the paper's time, with
-        lines that bend and soft limits; or `"paper"`, which has none of these, in any method; keys
-        of `bins`, `shape` and `response` override it
+        lines that bend and soft limits, grown with rank, patches and events; or `"paper"`, which
+        has none of these, in any method; keys of `bins`, `shape`, `response` and `graph` override
+        it
     name: what people call the asset; null is the name of the mesh's file without its ending where
         an asset is sent, none in a PATCH. The same content with another name is the same asset, and
         keeps the name that it has
@@ -300,10 +318,15 @@ class AssetSettings:
 
         Raises SettingsError naming the path of the first key or value that is wrong.
         """
-        return cls().changed(data)
+        usual = cls()
+        name = data.get("preset") if isinstance(data, Mapping) else None
+        if isinstance(name, str) and name in PRESETS:
+            usual = replace(usual, graph=replace(usual.graph, **PRESETS[name].graph))
+        return usual.changed(data)
 
     def changed(self, data: Any) -> AssetSettings:
-        """A copy with the values of `data`, decoded JSON of the same nesting; raises as `parse`."""
+        """A copy with the values of `data`, decoded JSON of the same nesting; raises as `parse`. A
+        preset in it leaves `graph` as it is."""
         if not isinstance(data, Mapping):
             raise SettingsError(f"settings are {type(data).__name__}: must be a JSON object")
         settings = read(self._with_preset(data.get("preset")), data)

@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from rhytid.domain.asset_settings import AssetSettings, BinSettings, GraphSettings
+from rhytid.domain.asset_settings import AssetSettings, BinSettings
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.setting_fields import leaves, nested
 from rhytid.domain.warnings import SETTINGS_CHANGED, SETTINGS_UNUSED, InputWarning
@@ -61,7 +61,7 @@ def settings_changed(
 
 def settings_unused(settings: AssetSettings) -> tuple[InputWarning, ...]:
     """A warning where settings of the synthesis were sent together with a graph."""
-    usual = asdict(GraphSettings())
+    usual = asdict(AssetSettings.parse({"preset": settings.preset}).graph)
     given = asdict(settings.graph).items()
     unread = {n: v for n, v in given if v != usual[n] and n not in _READ_OF_GIVEN}
     if not unread:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.asset_settings import AssetSettings, GraphSettings
+from rhytid.domain.asset_settings import PRESETS, AssetSettings, GraphSettings
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
@@ -34,6 +34,9 @@ _LATER = (
 # The defaults of these before they could be left open. With a given graph the number of wrinkles
 # makes no difference.
 _WRINKLES_BEFORE = 300_000
+# Settings that came later still, beside others at their defaults: at what `paper` has, they make
+# the asset that was made before them.
+_OFF = {"graph": dict(PRESETS["paper"].graph), "response": {"folds": 0.0}}
 _MESH_ARRAYS = ("positions", "faces", "uv", "face_uv")
 
 
@@ -83,6 +86,10 @@ def _identity(settings: AssetSettings, given: bool) -> dict[str, Any]:
     # The expressions that lines grow by are part of the id themselves.
     graph["lines"] = None
     values["graph"] = {k: v for k, v in graph.items() if k not in _LATER or v != getattr(plain, k)}
+    for part, off in _OFF.items():
+        kept = values[part].items()
+        unread = given and part == "graph"
+        values[part] = {k: v for k, v in kept if k not in off or not (unread or v == off[k])}
     return values
 
 

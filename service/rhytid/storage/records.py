@@ -189,11 +189,12 @@ def _settings(facts: Mapping[str, Any], folder: Path) -> AssetSettings:
 
 
 def _drawn_as_before(value: Any) -> Any:
-    """Settings written before lines were arcs and skin swelled, with what leaves them as they were
-    drawn: the preset `paper` has all of it."""
+    """Settings written before lines were arcs, skin swelled and lines had ranks, with what leaves
+    them as they were grown and drawn: the preset `paper` has all of it."""
     if not isinstance(value, dict):
         return value
-    before = {"shape": PRESETS["paper"].shape, "response": PRESETS["paper"].response}
+    paper = PRESETS["paper"]
+    before = {"shape": paper.shape, "response": paper.response, "graph": paper.graph}
     known = {name: value[name] for name in before if isinstance(value.get(name), dict)}
     return {**value, **{name: {**before[name], **given} for name, given in known.items()}}
 
