@@ -68,7 +68,7 @@ def test_an_unknown_preset_is_refused(name: object) -> None:
 
 PAPER = {
     "response": {"ends": 0.0, "soft_limits": False, "pore_depth_limit": 4.0, "folds": 0.0},
-    "graph": {"rank": 0.0, "patches": 0.0, "events": 0.0},
+    "graph": {"rank": 0.0, "patches": 0.0, "events": 0.0, "anatomy": "coarse"},
     "shape": {
         "wrinkle_bulge": 2.5,
         "curvature": 0.0,

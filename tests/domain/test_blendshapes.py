@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rhytid.domain.blendshapes import Blendshapes, meant_shapes, name_parts, region_of
+from rhytid.domain.blendshapes import Blendshapes, meant_shapes, name_parts, region_of, rolls_lips
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.skin import REGIONS
 from rhytid.errors import FrameError, InputError
@@ -83,6 +83,21 @@ def test_frames_have_no_names() -> None:
 def test_names_show_their_region(name: str, region: str | None) -> None:
     assert region_of(name) == region
     assert region is None or region in REGIONS
+
+
+@pytest.mark.parametrize(
+    ("name", "rolls"),
+    [
+        ("mouthRollLower", True),
+        ("face|mouthRollUpper", True),
+        ("lips_roll_in", True),
+        ("mouthPucker", False),
+        ("eyeRoll", False),
+        ("", False),
+    ],
+)
+def test_names_tell_rolled_lips(name: str, rolls: bool) -> None:
+    assert rolls_lips(name) is rolls
 
 
 # As of ICT FaceKit, an excerpt.

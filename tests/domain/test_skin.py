@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
@@ -14,9 +14,11 @@ from rhytid.domain.skin import (
     REGIONS,
     USUAL_AGE,
     YOUNGEST,
+    Region,
     aged,
     depth_factor,
     fold_factor_log,
+    regions,
     wear,
 )
 from rhytid.errors import SettingsError
@@ -56,7 +58,9 @@ def test_lines_deepen_with_age_and_no_region_grows_smooth(name: str) -> None:
 
 
 def test_no_pore_moves_with_age() -> None:
-    kept = {field.name for field in fields(REGIONS["face"])} & {"density", "turn", "bend", "old"}
+    kept = {field.name for field in fields(REGIONS["face"])} & {
+        *("density", "turn", "bend", "undulation", "folded", "old"),
+    }
     for region in REGIONS.values():
         for age in AGES:
             assert all(getattr(aged(region, age), n) == getattr(region, n) for n in kept)
@@ -86,14 +90,40 @@ def test_the_bounds_are_taken() -> None:
         assert AssetSettings.parse({"graph": {"age": age}}).graph.age == age
 
 
+def even(region: Region) -> Region:
+    return replace(region, undulation=1.0, folded=1.0)
+
+
+def test_coarse_regions_are_these() -> None:
+    """Skin without a mouth of its own is grown from these figures, whatever the others become."""
+    names = ("density", "strength", "pore_strength", "anisotropy", "scale", "pore_radius", "grain")
+    wanted = {
+        "face": (1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0),
+        "forehead": (1.0, 1.25, 1.0, 1.85, 1.2, 0.9, 1.0),
+        "cheek": (0.85, 0.8, 1.4, 0.4, 0.85, 1.35, 1.1),
+        "nose": (1.3, 0.45, 3.0, 0.2, 0.7, 1.7, 1.2),
+        "lip": (1.6, 1.1, 0.6, 1.5, 0.9, 0.35, 0.7),
+        "eye_corner": (1.5, 1.2, 0.8, 1.8, 0.85, 0.5, 0.8),
+        "neck": (0.8, 1.1, 1.0, 1.0, 1.0, 0.7, 1.2),
+    }
+    found = regions("coarse")
+    for name, figures in wanted.items():
+        assert tuple(getattr(found[name], n) for n in names) == figures, name
+    assert all(even(region) == region for region in found.values())
+    assert {n: r.old for n, r in found.items()} == {n: r.old for n, r in REGIONS.items()}
+    assert regions("fine") is REGIONS
+
+
 def test_the_docs_tell_these_numbers() -> None:
     tables = [
         [[cell.strip(" `") for cell in line.strip("|").split("|")] for line in block.splitlines()]
         for block in DOCS.read_text(encoding="utf-8").split("\n\n")
         if block.startswith("| region |")
     ]
-    for (keys, _, *rows), old in zip(tables[:2], (False, True), strict=True):
-        assert [row[0] for row in rows] == list(REGIONS)
+    coarse = {n: r for n, r in regions("coarse").items() if r != even(REGIONS[n])}
+    old = {name: region.old for name, region in REGIONS.items()}
+    for (keys, _, *rows), skin in zip(tables[:3], (REGIONS, coarse, old), strict=True):
+        assert [row[0] for row in rows] == list(skin)
         for name, *values in rows:
-            region = REGIONS[name].old if old else REGIONS[name]
+            region = skin[name]
             assert [float(v) for v in values] == [getattr(region, key) for key in keys[1:]], name

@@ -18,7 +18,7 @@ from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.pipeline.grain import grain_shares
+from rhytid.pipeline.grain import relief_shares
 
 SIZE, SHARE = 0.08, 0.03
 SIDE = 256
@@ -75,15 +75,20 @@ def test_noise_is_that_of_the_reference(device, seed):
 
 
 @pytest.mark.slow
-def test_grain_is_as_rough_as_pores_say_and_undulation_is_not(device):
+@pytest.mark.parametrize("name", ["node_grain", "node_undulation"])
+def test_each_relief_is_as_rough_as_its_own_factor_of_pores_says(device, name):
     mesh, lines = sheet(n=6), random_graph(5, 400)
     rough = np.random.default_rng(2).uniform(0.2, 1.5, len(lines.node_uv)).astype(np.float32)
-    lines = replace(lines, node_grain=rough, edge_weight=0 * lines.edge_weight)
+    lines = replace(lines, **{name: rough}, edge_weight=0 * lines.edge_weight)
     lines = replace(lines, node_weight=0 * lines.node_weight)
-    noise, sure, index = expected(mesh)
+    broad = {"undulation": SHARE, "undulation_size": 0.5}
+    shapes, octaves, size = [GRAINY, broad], [reference.GRAIN, reference.UNDULATION], [SIZE, 0.5]
+    own = ["node_grain", "node_undulation"].index(name)
+    shape = {"grain": 0.0, "undulation": 0.0} | shapes[own]
+    noise, sure, index = expected(mesh, size=size[own], octaves=octaves[own])
     sure = (sure & (index >= 0)).reshape(SIDE, SIDE)
     points = drawing.crop(0, 0, SIDE, SIDE, SIDE)
-    asset = asset_of(device, mesh, lines)
+    asset = asset_of(device, mesh, lines, shape)
     held = np.flatnonzero(asset.mesh.pore_triangle < len(mesh.faces))
     factor = reference.rough(
         mesh.triangle_uv().astype(float), mesh.faces, points, np.maximum(index, 0),
@@ -91,31 +96,36 @@ def test_grain_is_as_rough_as_pores_say_and_undulation_is_not(device):
     ).reshape(SIDE, SIDE)  # fmt: skip
     assert np.abs(noise_of(asset) - factor * noise)[sure].max() <= 0.51 * reference.STEP
     assert factor[sure].std() > 0.05
-    broad = {"undulation": SHARE, "undulation_size": 0.5}
-    even = replace(lines, node_grain=None)
-    one, other = (drawn(asset_of(device, mesh, graph, broad)) for graph in (lines, even))
+    even, beside = replace(lines, **{name: None}), {"grain": 0.0, "undulation": 0.0}
+    beside |= shapes[1 - own]
+    one, other = (drawn(asset_of(device, mesh, graph, beside)) for graph in (lines, even))
     np.testing.assert_array_equal(one, other)
 
 
 def test_an_even_factor_of_1_changes_no_bit(device):
-    ones = replace(GRAPH, node_grain=np.ones(len(GRAPH.node_uv), np.float32))
-    np.testing.assert_array_equal(drawn(asset_of(device, None, ones)), drawn(asset_of(device)))
+    ones = np.ones(len(GRAPH.node_uv), np.float32)
+    lines = replace(GRAPH, node_grain=ones, node_undulation=ones)
+    both = GRAINY | {"undulation": SHARE, "undulation_size": 0.5}
+    one, other = (drawn(asset_of(device, None, graph, both)) for graph in (lines, GRAPH))
+    np.testing.assert_array_equal(one, other)
 
 
 def test_what_no_pore_says_goes_on_from_where_one_does():
     mesh = sheet()
     lines = replace(GRAPH, node_grain=np.full(len(GRAPH.node_uv), 0.5, np.float32))
     triangle = np.full(len(GRAPH.node_uv), len(mesh.faces), np.int32)
-    np.testing.assert_array_equal(grain_shares(mesh, lines, triangle), 1.0)
+    np.testing.assert_array_equal(relief_shares(mesh, lines, triangle), 1.0)
     triangle[0] = 0
-    np.testing.assert_array_equal(grain_shares(mesh, lines, triangle), 0.5)
+    found = relief_shares(mesh, lines, triangle)
+    np.testing.assert_array_equal(found[:, :3], 0.5)
+    np.testing.assert_array_equal(found[:, 3:], 1.0)
     triangle[1], lines.node_grain.flags.writeable = len(mesh.faces) - 1, True
     lines.node_grain[1] = 1.5
-    found = grain_shares(mesh, lines, triangle)
-    assert (found[0] == 0.5).all()
-    assert (found[-1] == 1.5).all()
-    assert len(np.unique(found)) > 2  # between them a mean
-    assert grain_shares(mesh, GRAPH, triangle) is None
+    found = relief_shares(mesh, lines, triangle)
+    assert (found[0, :3] == 0.5).all()
+    assert (found[-1, :3] == 1.5).all()
+    assert len(np.unique(found[:, :3])) > 2  # between them a mean
+    assert relief_shares(mesh, GRAPH, triangle) is None
 
 
 @pytest.mark.parametrize(("seed", "grain"), [(0, 0.03), (1, 0.0), (2**31 - 1, 0.03)])

@@ -210,10 +210,11 @@ def test_graphs_with_the_required_arrays_alone_stay_plain(mesh: Mesh, graph: Wri
         transfer(replace(bare, node_triangle=None), mesh, mesh)
 
 
-def test_partners_and_grain_follow(mesh: Mesh, graph: WrinkleGraph) -> None:
+def test_partners_and_factors_of_nodes_follow(mesh: Mesh, graph: WrinkleGraph) -> None:
     """A wrinkle that is gone is nobody's partner; the others still go on in each other."""
     grain = np.linspace(0, 4, graph.pores).astype(np.float32)
-    moved = transfer(replace(graph, node_grain=grain), mesh, cut_up(mesh)).graph
+    factors = {"node_grain": grain, "node_undulation": 16 - grain}
+    moved = transfer(replace(graph, **factors), mesh, cut_up(mesh)).graph
 
     assert moved.edge_partners is not None
     assert graph.edge_partners is not None
@@ -223,7 +224,9 @@ def test_partners_and_grain_follow(mesh: Mesh, graph: WrinkleGraph) -> None:
     assert np.array_equal(moved.edge_partners[own] >= 0, graph.edge_partners[before] >= 0)
     pores = np.flatnonzero(graph.own_nodes)
     assert moved.node_grain is not None
+    assert moved.node_undulation is not None
     assert np.array_equal(moved.node_grain[: len(pores)], grain[pores])
+    assert np.array_equal(moved.node_undulation, 16 - moved.node_grain)
     copies = np.flatnonzero(~moved.own_nodes)
     assert moved.node_copy_of is not None
     assert len(copies)

@@ -44,7 +44,7 @@ def test_id_is_this_hash_on_every_machine(preset: str) -> None:
     if preset == "paper":  # what came later is off, and not in the id
         del settings["response"]["folds"]
     else:
-        settings["graph"] |= {"rank": 1.0, "patches": 1.0, "events": 1.0}
+        settings["graph"] |= {"rank": 1.0, "patches": 1.0, "events": 1.0, "anatomy": "fine"}
     version = {"settings": settings, "version": 1}
     stream = json.dumps(version, sort_keys=True, separators=(",", ":")).encode()
     stream += b'["mesh",4]'

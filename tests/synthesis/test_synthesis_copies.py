@@ -105,10 +105,11 @@ def test_copies_are_as_rough_as_their_originals(device: Device) -> None:
     """Pores, ends of wrinkles beyond a seam and copies of both, where two regions meet."""
     controls = painted(region_lip=right(1.0, 0.0))
     graph = synthesize(folded(), sheets.wanted(1000), device, controls=controls).graph
-    copies, rough = np.flatnonzero(~graph.own_nodes), graph.node_grain
-    assert rough is not None
+    copies, lip = np.flatnonzero(~graph.own_nodes), REGIONS["lip"]
     assert len(copies) > 20
-    np.testing.assert_array_equal(rough[copies], rough[graph.node_copy_of[copies]])
-    assert rough.min() == pytest.approx(REGIONS["lip"].grain)
-    assert rough.max() == pytest.approx(1.0)
-    assert synthesize(folded(), sheets.wanted(1000), device).graph.node_grain is None
+    plain = synthesize(folded(), sheets.wanted(1000), device).graph
+    for name, of_lip in (("node_grain", lip.grain), ("node_undulation", lip.undulation)):
+        rough = getattr(graph, name)
+        np.testing.assert_array_equal(rough[copies], rough[graph.node_copy_of[copies]])
+        assert sorted([rough.min(), rough.max()]) == pytest.approx(sorted([of_lip, 1.0]))
+        assert getattr(plain, name) is None

@@ -62,7 +62,7 @@ inline float between_corners(float3 values, float2 uv, __global const float *c)
 // triangles: of each texel; `none` has no relief. corners: their UV, three per triangle. planes: of each
 // triangle, in units of the largest wavelength of the grain over CELLS: (x, y, z) of its first
 // corner, dX/du, dX/dv, the most that a step in UV can be long; and at its corners the factor of the
-// grain. Outside of a triangle its plane goes on. finer: the largest wavelength of the grain over that of the undulation.  shares: of the
+// grain, and of the undulation. Outside of a triangle its plane goes on. finer: the largest wavelength of the grain over that of the undulation.  shares: of the
 // grain and the undulation. Texel (row, column) of a map of `side` texels is the first; `width` a
 // row. codes: 32 for the root mean square. Within one code of the same in double.
 __kernel void grain_codes(__global const int *triangles, int none, __global const float *corners,
@@ -72,7 +72,7 @@ __kernel void grain_codes(__global const int *triangles, int none, __global cons
     int i = get_global_id(0), t = triangles[i];
     float sum = 0.0f;
     if (t != none) {
-        __global const float *plane = planes + 13 * t;
+        __global const float *plane = planes + 16 * t;
         float2 uv = (float2)(column + i % width + 0.5f, side - row - i / width - 0.5f) / (float)side;
         uv -= vload2(3 * t, corners);
         float3 p = vload3(0, plane) + uv.x * vload3(1, plane) + uv.y * vload3(2, plane);
@@ -82,9 +82,9 @@ __kernel void grain_codes(__global const int *triangles, int none, __global cons
                    octaves(p, texel, GRAIN_OCTAVES, GRAIN_FINER, GRAIN_SHARES,
                            seed * GRAIN_OCTAVES);
         if (shares.y > 0.0f)
-            sum += shares.y * octaves(finer * p, finer * texel, UNDULATION_OCTAVES,
-                                      UNDULATION_FINER, UNDULATION_SHARES,
-                                      ~(seed * UNDULATION_OCTAVES) - UNDULATION_OCTAVES);
+            sum += shares.y * between_corners(vload3(0, plane + 13), uv, corners + 6 * t) *
+                   octaves(finer * p, finer * texel, UNDULATION_OCTAVES, UNDULATION_FINER,
+                           UNDULATION_SHARES, ~(seed * UNDULATION_OCTAVES) - UNDULATION_OCTAVES);
     }
     codes[i] = convert_char_sat_rte(32.0f * sum);
 }

@@ -97,7 +97,9 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     expressions = expressions_for_lines(settings.lines, shape_files(arguments.shapes, read, clip))
     device = open_device(arguments)
     out: Path = arguments.out
-    folds = None if expressions is None else _folds(device, mesh, expressions, unit)
+    folds = (
+        None if expressions is None else _folds(device, mesh, expressions, unit, settings.anatomy)
+    )
     wrinkles = check_amount(mesh, settings, controls, device.budget.limit, folds)
     warnings.note(str(BuildSize.of(mesh, wrinkles)))
     with share_bar("synthesis") as show:
@@ -118,13 +120,15 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
             _draw_regions(device, mesh, folds, skins, arguments.preview)
 
 
-def _folds(device: Device, mesh: Mesh, expressions: Expressions, unit: str) -> Folds | None:
+def _folds(
+    device: Device, mesh: Mesh, expressions: Expressions, unit: str, anatomy: str
+) -> Folds | None:
     from rhytid.pipeline.folds import measured_folds
     from rhytid.synthesis.workspace import directly
 
     limit = AssetSettings().response.log_stretch_limit
     with share_bar("folds") as show:
-        return measured_folds(device, mesh, expressions, limit, unit, show, directly)
+        return measured_folds(device, mesh, expressions, limit, unit, show, directly, anatomy)
 
 
 def _draw_lines(mesh: Mesh, folds: Folds, preview: Path) -> None:

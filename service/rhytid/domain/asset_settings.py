@@ -15,7 +15,16 @@ from rhytid.domain.expressions import LINES
 from rhytid.domain.graph import MOST_SEED, GraphOrigin
 from rhytid.domain.lengths import GRAIN, UNDULATION, USUAL_UNIT, Lengths, usual_spacing
 from rhytid.domain.setting_fields import choice, number, power_of_two, read, text, whole
-from rhytid.domain.skin import OLDEST, REGIONS, USUAL_AGE, WHOLE_FACE, YOUNGEST
+from rhytid.domain.skin import (
+    ANATOMIES,
+    COARSE,
+    FINE,
+    OLDEST,
+    REGIONS,
+    USUAL_AGE,
+    WHOLE_FACE,
+    YOUNGEST,
+)
 from rhytid.domain.tiles import TileGrid
 from rhytid.errors import SettingsError
 
@@ -46,7 +55,7 @@ class GraphSettings:
     lines: what lines run by: `"expressions"`, across what they fold; `"level"`, around the vertical
         axis; null or `"auto"`, by expressions where there are any
     region: what skin it is where no mask says otherwise: `face`, `forehead`, `cheek`, `nose`,
-        `lip`, `eye_corner` or `neck`
+        `lip`, `eye_corner`, `neck` or `mouth`
     age: age of the skin: deeper, wider and fewer lines, most where skin folds; pores stay
     density: factor of the number of wrinkles
     strength: factor of the strength of each wrinkle and pore, 1 at most: 2 is twice as deep where
@@ -62,6 +71,9 @@ class GraphSettings:
         15 mm to the next, times what `region` makes of it; 0 is even skin
     events: factor of the number of single features: follicle bumps, papules, scars, milia, moles
         and clusters of enlarged pores; 0 is none
+    anatomy: how finely regions are told apart: `"fine"`, by expressions of known names the mouth
+        and the chin, too, and the lips up to their border; `"coarse"`, without these and with one
+        relief of broad swells
     """
 
     spacing: float | None = number(None, 1e-30, 1e30)
@@ -80,6 +92,7 @@ class GraphSettings:
     rank: float = number(1.0, 0.0, 2.0)
     patches: float = number(1.0, 0.0, 2.0)
     events: float = number(1.0, 0.0, 4.0)
+    anatomy: str = choice(FINE, *ANATOMIES)
 
     @property
     def start(self) -> int:
@@ -241,7 +254,7 @@ class Preset:
 # As the paper draws: hard limits, straight even lines, nothing done for lines below a texel, flat
 # plates; and one order of lines on even skin.
 _PAPER_RESPONSE = {"ends": 0.0, "soft_limits": False, "pore_depth_limit": 4.0, "folds": 0.0}
-_PAPER_GRAPH = {"rank": 0.0, "patches": 0.0, "events": 0.0}
+_PAPER_GRAPH = {"rank": 0.0, "patches": 0.0, "events": 0.0, "anatomy": COARSE}
 _PAPER_SHAPE = {
     "wrinkle_bulge": 2.5,
     "curvature": 0.0,

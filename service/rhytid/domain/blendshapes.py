@@ -40,6 +40,8 @@ _BEGINNINGS = {
     "nose": ("nosesneer", "sneer", "nosewrinkle", "wrinklenose", "nosescrunch"),
     "neck": ("jawopen", "openjaw", "jawdrop", "dropjaw", "mouthopen", "openmouth"),
 }
+# The same of shapes that roll the lips in.
+_ROLLS = ("mouthroll", "rolllip", "liproll", "lipsroll", "rollmouth")
 
 
 class Blendshapes:
@@ -136,8 +138,18 @@ def region_of(name: str) -> str | None:
     A prefix that ends in a dot, a colon, a bar or a slash is ignored, as in `face|eyeBlink_L`. A
     sneer shows the nose and an open jaw the neck by what they move around these.
     """
-    plain = re.sub(r"[^a-z]", "", _PREFIX.split(name)[-1].lower())
+    plain = _plain(name)
     for region, beginnings in _BEGINNINGS.items():
         if plain.startswith(beginnings):
             return region
     return None
+
+
+def rolls_lips(name: str) -> bool:
+    """Whether an expression of that name rolls a lip in. A prefix is ignored as in `region_of`."""
+    return _plain(name).startswith(_ROLLS)
+
+
+def _plain(name: str) -> str:
+    """The letters of a name in lower case, without its prefix."""
+    return re.sub(r"[^a-z]", "", _PREFIX.split(name)[-1].lower())

@@ -9,7 +9,9 @@ where they are as skin ages; lines change in depth, width, direction and contras
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -52,7 +54,9 @@ class Region:
     the weights of pores.  turn: degrees by which lines turn left.  anisotropy: of how far lines
     keep to one direction.  bend: of how far lines wind.  scale: of the width of wrinkles.
     pore_radius: of the radius of pores.  contrast: power of the weights.  grain: of the micro
-    relief between lines.  old: what age makes of these.
+    relief between lines.  undulation: of the broad swells.  folded: power of what folds make of the
+    strength of lines, primary ones too: below 1 skin that folds is smoother at rest.  old: what age
+    makes of these.
     """
 
     density: float = 1.0
@@ -65,6 +69,8 @@ class Region:
     pore_radius: float = 1.0
     contrast: float = 1.0
     grain: float = 1.0
+    undulation: float = 1.0
+    folded: float = 1.0
     old: Old = Old()
 
 
@@ -74,22 +80,24 @@ REGIONS: dict[str, Region] = {
     # Long level lines, coarse and deep, that hardly branch; pores of medium size.
     "forehead": Region(
         density=1.0,
-        strength=1.25,
+        strength=1.1,
         anisotropy=1.85,
         bend=0.3,
         scale=1.2,
         pore_radius=0.9,
+        undulation=1.3,
         old=Old(strength=1.2, contrast=1.3, grain=1.3),
     ),
     # Led by large pores; a fine net of rhombi without much of a direction, faint.
     "cheek": Region(
         density=0.85,
-        strength=0.8,
+        strength=0.56,
         pore_strength=1.4,
         anisotropy=0.4,
         scale=0.85,
         pore_radius=1.35,
         grain=1.1,
+        undulation=1.1,
         old=Old(strength=1.2, anisotropy=1.5, pore_radius=1.15, contrast=1.15, grain=1.3),
     ),
     # The largest pores of the face, close together; lines so faint that pores stand alone.
@@ -101,25 +109,27 @@ REGIONS: dict[str, Region] = {
         scale=0.7,
         pore_radius=1.7,
         grain=1.2,
+        undulation=1.5,
         old=Old(strength=1.3, anisotropy=1.0, pore_strength=1.2, contrast=1.1, grain=1.8),
     ),
-    # Furrows across the lip, upright and fine, joined by faint ones; next to no pores to see.
+    # Furrows across the lip, upright and deep, joined by faint ones; next to no pores to see.
     "lip": Region(
-        density=1.6,
-        strength=1.1,
+        density=0.9,
+        strength=1.6,
         pore_strength=0.6,
         turn=90.0,
         anisotropy=1.5,
         bend=0.6,
-        scale=0.9,
+        scale=1.35,
         pore_radius=0.35,
         grain=0.7,
+        undulation=1.2,
         old=Old(strength=1.3, anisotropy=1.0, contrast=1.15, grain=1.4),
     ),
     # Thin skin: fine lines that fan out from the corner, beside the eye nearly level; small pores.
     "eye_corner": Region(
         density=1.5,
-        strength=1.2,
+        strength=1.05,
         pore_strength=0.8,
         anisotropy=1.8,
         bend=0.4,
@@ -137,9 +147,43 @@ REGIONS: dict[str, Region] = {
         scale=1.0,
         pore_radius=0.7,
         grain=1.2,
+        undulation=1.6,
         old=Old(strength=2.1, anisotropy=1.1, contrast=1.0, grain=1.2),
     ),
+    # Around the lips, and the chin: short slants, soft and broad, between pores of medium size. The
+    # mouth folds more than all else of the face, and shows little of it at rest.
+    "mouth": Region(
+        density=0.95,
+        strength=1.1,
+        pore_strength=1.0,
+        anisotropy=0.9,
+        scale=1.25,
+        pore_radius=1.1,
+        grain=1.2,
+        undulation=1.5,
+        folded=0.35,
+        old=Old(strength=1.6, anisotropy=1.3, contrast=1.2, grain=1.4),
+    ),
 }
+# How finely regions are told apart.
+ANATOMIES = FINE, COARSE = ("fine", "coarse")
+# What regions are where the mouth is none of its own, beside undulation and folds of 1.
+_COARSE: dict[str, dict[str, Any]] = {
+    "forehead": {"strength": 1.25},
+    "cheek": {"strength": 0.8},
+    "lip": {"density": 1.6, "strength": 1.1, "scale": 0.9},
+    "eye_corner": {"strength": 1.2},
+}
+
+
+def regions(anatomy: str) -> Mapping[str, Region]:
+    """The regions by name, as finely told apart as one of `ANATOMIES` says."""
+    if anatomy == FINE:
+        return REGIONS
+    return {
+        name: replace(region, undulation=1.0, folded=1.0, **_COARSE.get(name, {}))
+        for name, region in REGIONS.items()
+    }
 
 
 def aged(region: Region, age: float) -> Region:

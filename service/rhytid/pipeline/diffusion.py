@@ -34,7 +34,7 @@ class Diffusion:
     def __init__(self, mesh: Mesh, sigma: float, one: NDArray[np.integer]) -> None:
         """sigma: standard deviation of the smoothing, mesh units.  one (V,): equal numbers for
         vertices that move as one, as those that an exporter has split at UV seams."""
-        self._one, self.sigma = one, sigma
+        self._mesh, self._one, self.sigma = mesh, one, sigma
         self._faces = one[mesh.faces]
         corners = mesh.positions.astype(np.float64)[mesh.faces]
         self._normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -45,6 +45,10 @@ class Diffusion:
         time = 0.5 * sigma**2 / STEPS
         laplacian = _laplacian(corners, self._faces, self._count)
         self._matrix = (diags(self._mass) + time * laplacian).tocsr()
+
+    def narrower(self, share: float) -> Diffusion:
+        """The same surface, ready to smooth by a share of the length."""
+        return Diffusion(self._mesh, share * self.sigma, self._one)
 
     def of_triangles(self, values: NDArray[Any]) -> FloatArray:
         """(V, K) smoothed values at vertices, from values (F, K) of triangles, averaged by area."""

@@ -14,6 +14,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.expressions import COLUMNS, ROWS, Expressions, Folds
 from rhytid.domain.lengths import millimetres
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.skin import FINE
 from rhytid.pipeline.diffusion import Diffusion, triangle_areas
 from rhytid.pipeline.region_masks import RegionMasks
 from rhytid.pipeline.stretch import Rest
@@ -88,6 +89,7 @@ def measured_folds(
     unit: str,
     progress: Report,
     call: Caller,
+    anatomy: str = FINE,
 ) -> Folds | None:
     """Measure where expressions fold a mesh; None where no expression moves anything.
 
@@ -95,10 +97,11 @@ def measured_folds(
     expressions that move anything, and masks of the regions that expressions of known names show.
 
     limit: of |log ρ|.  unit: of the mesh.  progress(fraction, stage) is called for each expression
-    and may raise CancelledError.  call: runs each step in a task of the device.
+    and may raise CancelledError.  call: runs each step in a task of the device.  anatomy: how
+    finely regions are told apart.
     """
     stage = FoldStage(device, mesh, call)
-    total, moving, regions = np.zeros((len(mesh.faces), 3)), 0, RegionMasks(mesh)
+    total, moving, regions = np.zeros((len(mesh.faces), 3)), 0, RegionMasks(mesh, anatomy)
     try:
         every = zip(expressions.names, expressions.positions, strict=True)
         for done, (name, positions) in enumerate(every):

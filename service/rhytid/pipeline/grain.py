@@ -60,7 +60,7 @@ class GrainPlanes(BufferGroup):
     """Where in space the texels of each triangle are, in cells of the noise, and how rough they
     are.
 
-    size: the largest wavelength, mesh units.  shares: the result of `grain_shares`; None: 1
+    size: the largest wavelength, mesh units.  shares: the result of `relief_shares`; None: 1
     throughout.
     """
 
@@ -69,7 +69,7 @@ class GrainPlanes(BufferGroup):
     ) -> None:
         planes = _planes(mesh, size / CELLS)
         if shares is None:
-            shares = np.ones((len(planes), 3), np.float32)
+            shares = np.ones((len(planes), 6), np.float32)
         self.values = device.upload(np.concatenate([planes, shares], axis=1))
 
     @property
@@ -227,18 +227,32 @@ def _planes(mesh: Mesh, size: float) -> NDArray[np.float32]:
     return found
 
 
-def grain_shares(
+def relief_shares(
     mesh: Mesh, graph: WrinkleGraph, triangle: NDArray[np.integer]
 ) -> NDArray[np.float32] | None:
-    """(F, 3) factor of the grain at the corners of each triangle, None where the graph has none.
+    """(F, 6) factor of the grain at the corners of each triangle, then that of the undulation; None
+    where the graph has neither.
 
     triangle: (N,) of each node, F for none. A vertex takes the mean of the pores on its triangles,
     so that there is no step at seams or edges; where there are none, that of its neighbours.
     """
-    if graph.node_grain is None:
+    if graph.node_grain is None and graph.node_undulation is None:
         return None
+    of_nodes = graph.node_grain, graph.node_undulation
+    return np.concatenate([_shares_at(mesh, graph, one, triangle) for one in of_nodes], axis=1)
+
+
+def _shares_at(
+    mesh: Mesh,
+    graph: WrinkleGraph,
+    of_nodes: NDArray[np.float32] | None,
+    triangle: NDArray[np.integer],
+) -> NDArray[np.float32]:
+    """(F, 3) a factor at the corners of each triangle, 1 without one of the nodes."""
+    if of_nodes is None:
+        return np.ones((len(mesh.faces), 3), np.float32)
     own = np.flatnonzero(graph.own_nodes & (triangle >= 0) & (triangle < len(mesh.faces)))
-    vertices, values = mesh.faces[triangle[own]], graph.node_grain[own].astype(np.float64)
+    vertices, values = mesh.faces[triangle[own]], of_nodes[own].astype(np.float64)
     total, count = (
         np.bincount(vertices.ravel(), weights, len(mesh.positions)).astype(np.float64)
         for weights in (np.repeat(values, 3), None)

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.blendshapes import region_of
+from rhytid.domain.blendshapes import region_of, rolls_lips
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.skin import FINE
 from rhytid.pipeline.diffusion import Diffusion
+from rhytid.pipeline.mouth_masks import lip_share, mouth_share, ramp
 
 FloatArray = NDArray[np.float64]
 # The vertical axis of a mesh.
@@ -40,15 +42,23 @@ _FOLDS = {
 }
 # Those that lie beside what moves.
 _BESIDE = ("nose", "neck")
-# What the others leave: a smile moves the corners of the lips, and much around the nose, too.
+# What the others leave: a smile moves the corners of the lips, and much around the nose, too. The
+# mouth has what its neighbours leave.
 _LEFT = "cheek"
+_AROUND = ("lip", "nose", "neck")
+# How far the border of the lips is smoothed, of what other masks are.
+_BORDER = 0.17
 
 
 class RegionMasks:
-    """Collects what the expressions of one mesh show of regions, one expression after the other."""
+    """Collects what the expressions of one mesh show of regions, one expression after the other.
 
-    def __init__(self, mesh: Mesh) -> None:
-        self._mesh = mesh
+    anatomy: how finely regions are told apart.
+    """
+
+    def __init__(self, mesh: Mesh, anatomy: str = FINE) -> None:
+        self._mesh, self._fine = mesh, anatomy == FINE
+        self._rolls: list[FloatArray] = []
         self._shown: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
         self._moved: dict[str, FloatArray] = {}
 
@@ -56,9 +66,13 @@ class RegionMasks:
         """Add one expression that moves something.  folds (F, 3): the result of
         `FoldStage.measure`."""
         region = region_of(name)
-        if region is None:
+        rolls = self._fine and rolls_lips(name)
+        if region is None and not rolls:
             return
         offsets = positions.astype(np.float64) - self._mesh.positions
+        if region is None:
+            self._rolls.append(np.linalg.norm(offsets, axis=1))
+            return
         if region in _BESIDE:
             self._moved[region] = self._moved.get(region, 0.0) + offsets
             return
@@ -74,10 +88,27 @@ class RegionMasks:
         for region, share in sorted(shares.items()):
             soft = surface.of_vertices(share[:, None])[:, 0]
             found[region] = np.clip(soft, 0.0, 1.0)
+        if self._fine and "lip" in found:
+            self._part_mouth(found, surface)
         if _LEFT in found:
             for region in sorted(found.keys() - {_LEFT}):
                 found[_LEFT] = found[_LEFT] * (1.0 - found[region])
         return {region: mask.astype(np.float32) for region, mask in found.items()}
+
+    def _part_mouth(self, found: dict[str, FloatArray], surface: Diffusion) -> None:
+        """Put the lips up to their border in the place of where a pucker moves most, and the mouth
+        around them beside."""
+        pucker = np.maximum.reduce([_share(motion) for motion, _ in self._shown["lip"]])
+        jaw = self._moved.get("neck")
+        jaw = None if jaw is None else _share(np.linalg.norm(jaw, axis=1))
+        places = self._mesh.positions.astype(np.float64)
+        lip = lip_share(places, self._rolls, pucker, surface.sigma)
+        soft = surface.narrower(_BORDER).of_vertices(lip[:, None])[:, 0]
+        found["lip"] = np.clip(soft, 0.0, 1.0)
+        around = surface.of_vertices(mouth_share(pucker, jaw)[:, None])[:, 0]
+        found["mouth"] = np.clip(around, 0.0, 1.0)
+        for region in _AROUND:
+            found["mouth"] = found["mouth"] * (1.0 - found.get(region, 0.0))
 
     def _by_shapes(self, region: str, surface: Diffusion) -> FloatArray:
         """(V,) where the expressions of a region move and fold most."""
@@ -148,12 +179,6 @@ def neck_share(mesh: Mesh, offsets: FloatArray, length: float) -> FloatArray | N
     below = (height[motion >= _CHIN].min() - height) / length
     share = ramp(below, *_NECK_BEGINS) * ramp(below, *_NECK_ENDS) * ramp(motion, *_CARRIED)
     return share if share.any() else None
-
-
-def ramp(value: FloatArray, begins: float, whole: float) -> FloatArray:
-    """From 0 to 1, linear; `whole` may be below `begins`."""
-    found: FloatArray = np.clip((value - begins) / (whole - begins), 0.0, 1.0)
-    return found
 
 
 def _on_both_sides(motion: FloatArray, across: FloatArray) -> bool:

@@ -90,8 +90,11 @@ class GraphParts:
         }
         least = self.spacing * min(fields.least_spacing, _CLOSEST)
         arrays = with_copies(arrays, ground.surface, self.borders, least)
-        grain = fields.grain(pores.triangle, pores.uv)
-        return WrinkleGraph(**arrays, **_grain(arrays, grain, lines.owner), origin=None)
+        beside = {
+            "node_grain": fields.grain(pores.triangle, pores.uv),
+            "node_undulation": fields.undulation(pores.triangle, pores.uv),
+        }
+        return WrinkleGraph(**arrays, **_of_nodes(arrays, beside, lines.owner), origin=None)
 
     def _shapes_of_pores(
         self, strengths: NDArray[np.float32], progress: Progress
@@ -150,17 +153,23 @@ class GraphParts:
         return weight, factor, half_width, wide
 
 
-def _grain(arrays: Arrays, grain: NDArray[np.float32], owner: NDArray[np.integer]) -> Arrays:
-    """The array `node_grain` from the grain of the pores; no array where that is 1 throughout.
+def _of_nodes(
+    arrays: Arrays, of_pores: dict[str, NDArray[np.float32]], owner: NDArray[np.integer]
+) -> Arrays:
+    """Arrays of factors of the nodes from those of the pores, by name; none where that is 1
+    throughout.
 
     Nodes are ordered: pores, then ends of their wrinkles, then copies.
     """
-    if (grain == 1.0).all():
-        return {}
-    found = np.concatenate([grain, grain[owner]])
-    if len(found) < len(arrays["node_uv"]):
-        found = np.concatenate([found, found[arrays["node_copy_of"][len(found) :]]])
-    return {"node_grain": found}
+    every = {}
+    for name, factor in of_pores.items():
+        if (factor == 1.0).all():
+            continue
+        found = np.concatenate([factor, factor[owner]])
+        if len(found) < len(arrays["node_uv"]):
+            found = np.concatenate([found, found[arrays["node_copy_of"][len(found) :]]])
+        every[name] = found
+    return every
 
 
 def _scale(weight: NDArray[np.float32], factor: NDArray[np.float32]) -> None:

@@ -8,7 +8,7 @@ from rhytid.domain.asset_settings import MOST_WRINKLES, GraphSettings
 from rhytid.domain.expressions import Folds
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Controls
-from rhytid.domain.skin import REGIONS
+from rhytid.domain.skin import regions
 from rhytid.errors import InputError, LimitError, MeshError
 from rhytid.synthesis.build_size import RequestedCount
 from rhytid.synthesis.fields import Fields
@@ -44,7 +44,7 @@ def check_amount(
     """
     even = controls is None and (folds is None or not folds.regions)
     if even and settings.wrinkles is not None:
-        share = settings.density * REGIONS[settings.region].density
+        share = settings.density * regions(settings.anatomy)[settings.region].density
         return _checked(RequestedCount.of(settings, 0.0), share, len(mesh.faces), memory)
     surface = Surface.of(mesh)
     folding = None if folds is None else FoldField(mesh, surface, folds, settings.age)

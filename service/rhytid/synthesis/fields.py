@@ -88,6 +88,10 @@ class Fields:
         """Factor of the micro relief between lines."""
         return np.ones(len(triangle), np.float32)
 
+    def undulation(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the broad swells of the skin."""
+        return np.ones(len(triangle), np.float32)
+
     def pore_radius(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the radius of pores."""
         return np.ones(len(triangle), np.float32)

@@ -21,7 +21,7 @@ from rhytid.domain.painted_maps import (
     shares,
     signed,
 )
-from rhytid.domain.skin import REGIONS, USUAL_AGE, Region, aged
+from rhytid.domain.skin import USUAL_AGE, Region, aged, regions
 from rhytid.domain.tiles import udim_origin
 from rhytid.synthesis.fields import Factors, Fields, level_directions
 from rhytid.synthesis.fold_field import FoldField, Planes
@@ -76,7 +76,8 @@ class PaintedFields(Fields):
         folds: FoldField | None = None,
     ) -> None:
         self._surface, self._settings, self._folds = surface, settings, folds
-        self._skin = {name: aged(region, settings.age) for name, region in REGIONS.items()}
+        known = regions(settings.anatomy)
+        self._skin = {name: aged(region, settings.age) for name, region in known.items()}
         self.some_contrast = settings.age != USUAL_AGE
         maps = controls.maps
         self._maps = {
@@ -89,6 +90,8 @@ class PaintedFields(Fields):
         masks = () if folds is None else folds.regions
         self._planes: dict[str, Planes] = {}
         self._masks = [name for name in masks if REGION_PREFIX + name not in maps]
+        used = self._names_of_regions()
+        self._some_folded = folds is not None and any(self._skin[n].folded != 1.0 for n in used)
         low, high = self._densities()
         self.least_spacing, self.most_spacing = high**-0.5, low**-0.5
         self.some_bare = "density" in maps and self._darkest() < BARE
@@ -97,7 +100,7 @@ class PaintedFields(Fields):
         if folds is not None and self._masks:
             details.append(folds.detail)
         self.detail = min(details, default=float("inf"))
-        base = REGIONS[settings.region]
+        base = known[settings.region]
         self.usual_pore_radius = settings.pore_radius * base.pore_radius * base.density**-0.5
 
     def spacing(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -137,7 +140,10 @@ class PaintedFields(Fields):
         """Factor of the strength of primary lines: that of the folds."""
         if self._folds is None:
             return super().primary(triangle, uv)
-        return self._folds.factor("primary", triangle, uv)
+        factor = self._folds.factor("primary", triangle, uv)
+        if self._some_folded:
+            factor **= self._region("folded", triangle, uv)
+        return factor
 
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians to the left from the level direction. Painted directions, then folds, take the
@@ -189,6 +195,10 @@ class PaintedFields(Fields):
         """Factor of the micro relief: of the regions, by age. No map changes it."""
         return self._region("grain", triangle, uv)
 
+    def undulation(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the broad swells: of the regions. No map changes it."""
+        return self._region("undulation", triangle, uv)
+
     def _linear(
         self, name: str, triangle: NDArray[Any], uv: NDArray[Any], *, folded: bool = True
     ) -> Factors:
@@ -203,6 +213,8 @@ class PaintedFields(Fields):
             left = np.float32(1.0) if painted is None else 1.0 - np.abs(painted)
             if name == "anisotropy" and self._directions is not None:
                 left = left * (1.0 - self._directions.certainty(triangle, uv))
+            if name == "strength" and self._some_folded:
+                left = left * self._region("folded", triangle, uv)
             factor *= folds**left
         return factor
 
@@ -246,14 +258,18 @@ class PaintedFields(Fields):
             self._planes[name] = self._folds.mixed(values, base)
         return self._planes[name]
 
+    def _names_of_regions(self) -> list[str]:
+        """Of all that some skin may be."""
+        painted = [name.removeprefix(REGION_PREFIX) for name in self._regions]
+        return [self._settings.region, *painted, *self._masks]
+
     def _darkest(self) -> float:
         """The least of the density map."""
         return float(density_of(np.float32(self._maps["density"].least)))
 
     def _densities(self) -> tuple[float, float]:
         """The least and the largest density of skin that is not bare."""
-        names = [name.removeprefix(REGION_PREFIX) for name in self._regions] + self._masks
-        regional = [REGIONS[name].density for name in (self._settings.region, *names)]
+        regional = [self._skin[name].density for name in self._names_of_regions()]
         low, high = min(regional), max(regional)
         if "density" in self._maps:
             most = float(density_of(np.float32(self._maps["density"].most)))

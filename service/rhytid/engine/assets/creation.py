@@ -93,6 +93,7 @@ class AssetCreation:
         folds = measured_folds(
             self._device, mesh, upload.expressions, settings.response.log_stretch_limit,
             settings.length_unit, lambda *_: None, self._on_device.run_patiently,
+            settings.graph.anatomy,
         )  # fmt: skip
         if folds is not None and folds.regions:
             memory = self._device.budget.limit

@@ -149,7 +149,7 @@ class DeviceGrain:
     def _planes(self) -> GrainPlanes:
         base, size = self._base, self._base.settings.shape.grain_size
         assert size is not None
-        make = partial(GrainPlanes, base.device, base.mesh, size, base.grain_shares)
+        make = partial(GrainPlanes, base.device, base.mesh, size, base.relief_shares)
         return base.cache.keep("planes", make=make)
 
     def _place(self, udim: int, row: int, column: int) -> GrainPlace:

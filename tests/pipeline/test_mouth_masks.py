@@ -1,0 +1,112 @@
+"""Lips up to their border, and the mouth around them, on a strip of skin from nose to chin."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rhytid.domain.mesh import Mesh
+from rhytid.pipeline.diffusion import Diffusion
+from rhytid.pipeline.mouth_masks import lip_share, mouth_share
+from rhytid.pipeline.region_masks import RegionMasks
+
+LENGTH = 0.35
+# Half the height of both lips, and of the mouth around them, cm; half the width of the mouth.
+RED, AROUND, WIDE = 0.9, 2.4, 2.5
+
+
+def strip() -> Mesh:
+    """A flat square of 8 cm in the plane z = 0, whose lips meet at y = 0."""
+    line = np.linspace(-4.0, 4.0, 81)
+    x, y = np.meshgrid(line, line)
+    positions = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+    i, j = np.meshgrid(np.arange(80), np.arange(80))
+    a = (j * 81 + i).ravel()
+    faces = np.concatenate([np.stack([a, a + 1, a + 82], 1), np.stack([a, a + 82, a + 81], 1)])
+    return Mesh(positions.astype(np.float32), faces, positions[:, :2] / 10 + 0.5, faces)
+
+
+MESH = strip()
+X, Y = MESH.positions[:, 0].astype(float), MESH.positions[:, 1].astype(float)
+
+
+def along() -> np.ndarray:
+    """How far the lips move along their width: less towards the corners."""
+    return np.sqrt(np.clip(1 - (X / 3.2) ** 2, 0, 1))
+
+
+def roll(side: float) -> np.ndarray:
+    """A lip that turns in about its border: three quarters there, less beyond."""
+    y = np.abs(Y)
+    inside = 1 - 0.25 * y / RED
+    beyond = np.maximum(0.75 - 0.6 * (y - RED), 0)
+    return np.where(side * Y >= 0, np.where(y < RED, inside, beyond), 0.0) * along()
+
+
+def pucker() -> np.ndarray:
+    """All around the mouth, flat on the red."""
+    return np.clip(1.0 - 0.6 * np.maximum(np.abs(Y) - 0.7 * RED, 0), 0, 1)
+
+
+def masks(anatomy: str, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    found = RegionMasks(MESH, anatomy)
+    motions = {
+        "mouthRollUpper": roll(1.0),
+        "mouthRollLower": roll(-1.0),
+        "mouthPucker": pucker(),
+        "jawOpen": np.clip(-Y / 3.0, 0, 1),
+    }
+    no_folds = np.zeros((len(MESH.faces), 3), np.float32)
+    for name in names:
+        positions = MESH.positions.copy()
+        positions[:, 2 if name != "jawOpen" else 1] -= motions[name].astype(np.float32)
+        found.add(name, positions, no_folds)
+    return found.masks(Diffusion(MESH, LENGTH, np.arange(len(MESH.positions))))
+
+
+EVERY = ("mouthPucker", "mouthRollUpper", "mouthRollLower", "jawOpen")
+
+
+def test_the_lip_ends_at_the_border_of_what_rolls_in() -> None:
+    lip = lip_share(MESH.positions, [roll(1.0), roll(-1.0)], pucker(), LENGTH)
+    for x in (0.0, 1.0, 2.0):
+        column = np.abs(X - x) < 0.01
+        y = np.abs(Y[column])
+        assert (lip[column][y < RED - 0.25] == 1.0).all(), x
+        assert (lip[column][y > RED + 0.35] == 0.0).all(), x
+        assert RED - 0.1 < y[lip[column] > 0.5].max() < RED + 0.3, x
+    assert (lip[np.abs(X) > 3.3] == 0.0).all()
+
+
+def test_without_rolls_a_pucker_shows_the_lip() -> None:
+    lip = lip_share(MESH.positions, [], pucker(), LENGTH)
+    middle = np.abs(X) < 0.01
+    assert (lip[middle & (np.abs(Y) < 0.6 * RED)] == 1.0).all()
+    assert (lip[middle & (np.abs(Y) > 1.4 * RED)] == 0.0).all()
+
+
+def test_fine_masks_have_a_sharper_lip_and_a_mouth_around_it() -> None:
+    fine, coarse = masks("fine", EVERY), masks("coarse", EVERY)
+    middle = np.abs(X) < 0.01
+    over = middle & (np.abs(Y) > 1.3 * RED) & (np.abs(Y) < 1.6 * RED)
+    assert fine["lip"][over].max() < 0.08 < coarse["lip"][over].max()
+    assert fine["mouth"][over].min() > 0.6
+    assert fine["lip"][middle & (np.abs(Y) < 0.5 * RED)].min() > 0.9
+    assert (fine["lip"] + fine["mouth"]).max() <= 1.0 + 1e-6
+    chin = middle & (Y > -3.4) & (Y < -2.9)
+    assert fine["mouth"][chin].min() > 0.5
+    assert "mouth" not in coarse
+
+
+def test_coarse_masks_know_nothing_of_rolls() -> None:
+    with_rolls, without = masks("coarse", EVERY), masks("coarse", ("mouthPucker", "jawOpen"))
+    assert with_rolls.keys() == without.keys()
+    for name, mask in with_rolls.items():
+        np.testing.assert_array_equal(mask, without[name])
+
+
+def test_without_a_jaw_the_mouth_is_what_a_pucker_carries() -> None:
+    one, both = mouth_share(pucker(), None), mouth_share(pucker(), np.clip(-Y / 3.0, 0, 1))
+    assert (both >= one).all()
+    assert one[np.abs(Y) < 1.0] == pytest.approx(1.0)
+    assert one[Y < -3.0].max() < both[Y < -3.0].max()
