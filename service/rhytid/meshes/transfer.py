@@ -271,6 +271,8 @@ def _assembled(graph: WrinkleGraph, moved: _Moved, wrinkles: _Wrinkles) -> Wrink
         "edge_metric": np.zeros((len(nodes), 3)),
         **_strengths(graph, wrinkles),
     }
+    if graph.node_kind is not None:
+        arrays["node_kind"] = np.concatenate([graph.node_kind[source], np.zeros(len(split))])
     arrays = {name: _typed(name, array) for name, array in arrays.items()}
     arrays = with_copies(arrays, moved.surface, moved.borders, _apart(moved))
     for name in _OPTIONAL:
@@ -325,5 +327,7 @@ def _apart(moved: _Moved) -> float:
 
 def _typed(name: str, array: NDArray[Any]) -> NDArray[Any]:
     """An array in the type that the graph has for it."""
-    whole = name in ("edge_nodes", "edge_partners") or name.endswith(("_triangle", "_copy_of"))
-    return np.asarray(array, np.int32 if whole else np.float32)
+    whole = name in ("edge_nodes", "edge_partners", "node_kind") or name.endswith(
+        ("_triangle", "_copy_of")
+    )
+    return np.asarray(array, np.int32 if name.endswith(whole) else np.float32)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.synthesis import shapes
 from rhytid.synthesis.candidate_graph import Ground
+from rhytid.synthesis.events import Events
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.hashes import place_keys
 from rhytid.synthesis.lines import Lines, ends_of
@@ -49,7 +50,8 @@ class EdgeStrengths:
 class GraphParts:
     """The pores of a graph and the lines between them, to be given sizes and weights.
 
-    spacing: mean distance of a pore to the nearest on even skin, in units of the surface.
+    spacing: mean distance of a pore to the nearest on even skin, in units of the surface.  events:
+    None where there are none.
     """
 
     ground: Ground
@@ -59,6 +61,7 @@ class GraphParts:
     strengths: EdgeStrengths
     spacing: float
     seed: int
+    events: Events | None = None
 
     def graph(self, progress: Progress) -> WrinkleGraph:
         """The graph: pores and lines with sizes and weights, and copies of those that reach over a
@@ -88,10 +91,15 @@ class GraphParts:
             "edge_metric": np.zeros((len(weight), 3), np.float32),
             **ends.arrays(),
         }
+        grain = fields.grain(pores.triangle, pores.uv)
+        grain = np.concatenate([grain, grain[lines.owner]])
+        if self.events is not None:
+            arrays = self.events.added_to(arrays)
+            at = self.events.points
+            grain = np.concatenate([grain, fields.grain(at.triangle, at.uv)])
         least = self.spacing * min(fields.least_spacing, _CLOSEST)
         arrays = with_copies(arrays, ground.surface, self.borders, least)
-        grain = fields.grain(pores.triangle, pores.uv)
-        return WrinkleGraph(**arrays, **_grain(arrays, grain, lines.owner), origin=None)
+        return WrinkleGraph(**arrays, **_grain(arrays, grain), origin=None)
 
     def _shapes_of_pores(
         self, strengths: NDArray[np.float32], progress: Progress
@@ -117,6 +125,8 @@ class GraphParts:
         )
         size *= np.float32(shapes.PORE_SIZE * self.spacing)
         _scale(depth, fields.pore_strength(pores.triangle, pores.uv))
+        if self.events is not None:
+            _scale(depth, self.events.fading(surface, pores.triangle, pores.uv))
         axes = pore_axes(
             surface, pores.triangle, lines.nodes[first], lines.step[first], strengths, key,
             self.seed,
@@ -139,6 +149,8 @@ class GraphParts:
             wide[rows] = width
             half_width[rows] = shapes.half_widths_uv(ground.surface, triangle, step, width)
             factor[rows] = fields.strength(triangle, middle)
+            if self.events is not None:
+                factor[rows] *= self.events.fading(ground.surface, triangle, middle)
             if fields.some_bare:
                 factor[rows] *= beside_bare(
                     ground.surface, ground.across, fields, triangle, middle, spacing
@@ -150,14 +162,11 @@ class GraphParts:
         return weight, factor, half_width, wide
 
 
-def _grain(arrays: Arrays, grain: NDArray[np.float32], owner: NDArray[np.integer]) -> Arrays:
-    """The array `node_grain` from the grain of the pores; no array where that is 1 throughout.
-
-    Nodes are ordered: pores, then ends of their wrinkles, then copies.
-    """
-    if (grain == 1.0).all():
+def _grain(arrays: Arrays, found: NDArray[np.float32]) -> Arrays:
+    """The array `node_grain` from the grain of the nodes that are no copies; no array where that is
+    1 throughout."""
+    if (found == 1.0).all():
         return {}
-    found = np.concatenate([grain, grain[owner]])
     if len(found) < len(arrays["node_uv"]):
         found = np.concatenate([found, found[arrays["node_copy_of"][len(found) :]]])
     return {"node_grain": found}

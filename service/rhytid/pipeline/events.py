@@ -1,0 +1,72 @@
+"""Adds the events of a graph, single bumps and pits of the skin, to what any method draws.
+Kernels: respond.cl, smooth.cl, events.cl.
+
+They are few, and their heights are added to those of wrinkles and pores: lines run on over a bump,
+and `binned`, whose maps do not hold them, has them as exactly as `redraw`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rhytid.device.buffer import Buffer
+from rhytid.device.programs import NO_DEFINES
+from rhytid.device.runtime import Device
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.pipeline.event_elements import EventElements
+from rhytid.pipeline.locate import UdimTriangles
+from rhytid.pipeline.redraw import Responder, pore_responder, take_over
+from rhytid.pipeline.smooth import SmoothFields, smooth_pore_responder
+from rhytid.pipeline.stretch import StretchBuffers
+from rhytid.pipeline.work import BLOCK, Square
+
+
+def respond_events(
+    device: Device, events: EventElements, settings: AssetSettings, stretch: StretchBuffers
+) -> Buffer:
+    """Alg. 2 for every event, with the share of the log stretch that its kind answers to: (σ_w,
+    σ_d) of each."""
+    return _responded(device, events, pore_responder(device, settings, stretch))
+
+
+def respond_events_smooth(
+    device: Device,
+    events: EventElements,
+    located: UdimTriangles,
+    settings: AssetSettings,
+    fields: SmoothFields,
+) -> Buffer:
+    """As `respond_events`, each event at its own point."""
+    return _responded(device, events, smooth_pore_responder(device, located, settings, fields))
+
+
+def _responded(device: Device, events: EventElements, responder: Responder) -> Buffer:
+    scales = device.empty(2 * events.count, np.float32)
+    responder(events.count, events.centres, events.triangle, events.stiffness, scales)
+    take_over(device, events.origins, responder, scales, NO_DEFINES)
+    return scales
+
+
+def add_events(
+    device: Device,
+    events: EventElements,
+    settings: AssetSettings,
+    scales: Buffer,
+    square: Square,
+    out: Buffer,
+) -> None:
+    """Add the events of a frame to a square (row, column, texels per side) of level 0, all
+    multiples of BLOCK.
+
+    scales: of the frame, as `respond_events` has them.  out: side² float32, mesh units; more may
+    follow.
+    """
+    row, column, side = square
+    device.launch(
+        "events", "add_events", (side // BLOCK, side),
+        events.centres, events.roots, events.forms, scales, events.lists.offsets,
+        events.lists.members, np.float32(settings.shape.least_half_width),
+        np.float32(settings.depth), np.int32(settings.resolution // BLOCK),
+        np.int32(row // BLOCK), np.int32(column // BLOCK), np.int32(side), out,
+        defines={"BLOCK": BLOCK},
+    )  # fmt: skip
