@@ -20,7 +20,8 @@ EVENT_DEPTHS = 16.0
 class Event:
     """A kind of event. Lengths are in millimetres, pairs are the least and the most.
 
-    radius: of the rim, where the profile ends.  height: of the middle, below 0 for a pit.
+    radius: of the rim, where the profile ends.  steepness: the height of the middle over the
+    radius, below 0 for a pit: what is smaller is lower.
     longer: the most that it is longer than wide.  plateau: whether its profile is (1 - t⁴)², flat
     with a soft rim, in place of the dome (1 - t²)².  rim: b of the factor 1 - b t² of the profile;
     above 1 a pit has a wall around it.  response: share of the log stretch of its place that it
@@ -30,7 +31,7 @@ class Event:
     """
 
     radius: tuple[float, float]
-    height: tuple[float, float]
+    steepness: tuple[float, float]
     longer: float = 1.3
     plateau: bool = False
     rim: float = 0.0
@@ -53,18 +54,18 @@ class Event:
 EVENTS: dict[str, Event] = {
     # The mouth of a hair follicle with a plug: in loose groups where beards and vellus grow.
     "bump": Event(
-        radius=(0.3, 0.65),
-        height=(0.018, 0.06),
+        radius=(0.35, 0.8),
+        steepness=(0.07, 0.13),
         groups=9.0,
         rates={
-            WHOLE_FACE: 0.7, "forehead": 0.5, "cheek": 0.7, "nose": 0.15, "lip": 0.0,
-            "eye_corner": 0.1, "neck": 1.6,
+            WHOLE_FACE: 0.8, "forehead": 0.6, "cheek": 0.8, "nose": 0.2, "lip": 0.0,
+            "eye_corner": 0.1, "neck": 2.0,
         },
     ),
     # Low and broad, most of the young.
     "papule": Event(
         radius=(0.8, 2.0),
-        height=(0.03, 0.08),
+        steepness=(0.025, 0.05),
         longer=1.5,
         response=0.35,
         fading=0.4,
@@ -77,7 +78,7 @@ EVENTS: dict[str, Event] = {
     # Of acne or chickenpox: a pit with a faint wall.
     "scar": Event(
         radius=(0.7, 1.8),
-        height=(-0.09, -0.035),
+        steepness=(-0.08, -0.045),
         longer=2.5,
         rim=2.2,
         response=0.25,
@@ -90,7 +91,7 @@ EVENTS: dict[str, Event] = {
     # A hard cyst of keratin under thin skin.
     "milium": Event(
         radius=(0.35, 0.7),
-        height=(0.05, 0.13),
+        steepness=(0.12, 0.2),
         longer=1.1,
         response=0.25,
         fading=0.6,
@@ -101,11 +102,11 @@ EVENTS: dict[str, Event] = {
     ),
     "mole": Event(
         radius=(1.2, 3.0),
-        height=(0.15, 0.45),
+        steepness=(0.09, 0.16),
         longer=1.35,
         plateau=True,
         response=0.25,
-        fading=0.7,
+        fading=0.6,
         old=1.2,
         rates={
             WHOLE_FACE: 0.006, "forehead": 0.004, "cheek": 0.012, "nose": 0.004, "lip": 0.0,
@@ -115,7 +116,7 @@ EVENTS: dict[str, Event] = {
     # Dilated pores, in clusters at the wing and the tip of the nose.
     "wide_pore": Event(
         radius=(0.22, 0.45),
-        height=(-0.11, -0.04),
+        steepness=(-0.28, -0.15),
         rim=1.15,
         response=1.0,
         groups=5.0,

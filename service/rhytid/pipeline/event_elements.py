@@ -30,7 +30,7 @@ _KINDS = tuple(EVENTS.values())
 # By `node_kind`; a pore, which is none, has 0 throughout.
 _FORMS = np.array([(0.0, 0.0), *((float(e.plateau), e.rim) for e in _KINDS)], np.float32)
 _ANSWERS = np.array([0.0, *(event.response for event in _KINDS)], np.float32)
-_SIGNS = np.array([0.0, *(np.sign(event.height[0]) for event in _KINDS)], np.float32)
+_SIGNS = np.array([0.0, *(np.sign(event.steepness[0]) for event in _KINDS)], np.float32)
 
 
 @dataclass(frozen=True)

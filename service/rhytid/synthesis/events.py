@@ -33,6 +33,8 @@ _KINDS = tuple(EVENTS.values())
 # Of kinds that come in groups: how far their numbers to an area differ, a deviation of their
 # logarithm; and the most of the factor.
 _GROUPED, _DENSEST = 1.1, 6.0
+# The share of these that stands alone.
+_STRAY = 0.35
 # So that random numbers for one purpose are others than for another.
 _THROWN, _SIZED, _NOISE = 11, 31, 51
 Singles = NDArray[np.float32]
@@ -170,8 +172,9 @@ def _grouped(noise: Singles) -> Singles:
     """Factors of the number of events in groups, their mean 1 but for the limit."""
     deviation = np.float32(_GROUPED)
     factor: Singles = np.exp(deviation * noise - np.float32(0.5) * deviation**2)
-    limited: Singles = np.minimum(factor, np.float32(_DENSEST))
-    return limited
+    stray = np.float32(_STRAY)
+    found: Singles = stray + (np.float32(1.0) - stray) * np.minimum(factor, np.float32(_DENSEST))
+    return found
 
 
 def _darts(
@@ -241,7 +244,7 @@ def _shaped(
     # Of those that are left by place: nothing else about them is without an order.
     kept = kept[np.lexsort(darts.points.position[kept].T)]
     points, kind, sizes, radius = darts.points.take(kept), kind[kept], sizes[kept], radius[kept]
-    height = np.abs(_between(kind, "height", sizes[:, 1]))
+    height = radius / millimetre * _between(kind, "steepness", sizes[:, 1])
     weight = height / (EVENT_DEPTHS * SKIN.depth * depth_factor(settings.age))
     longer = 1.0 + (_of_kinds(kind, [e.longer for e in _KINDS]) - 1.0) * sizes[:, 2] ** 2
     angle = _angles(surface, points, np.pi * sizes[:, 3])
@@ -285,8 +288,8 @@ def _angles(surface: Surface, points: Points, turn: FloatArray) -> FloatArray:
 
 
 def _between(kind: NDArray[np.int32], name: str, share: FloatArray) -> FloatArray:
-    """(E,) lengths in millimetres between the least and the most of each kind, small ones more
-    often than large ones."""
+    """(E,) sizes between the least and the most of each kind, small ones more often than large
+    ones."""
     ends = np.sort(np.abs([getattr(event, name) for event in _KINDS]), axis=1)[kind - 1]
     found: FloatArray = ends[:, 0] * (ends[:, 1] / ends[:, 0]) ** share
     return found
