@@ -25,6 +25,10 @@ from rhytid.synthesis.seams.copies import Arrays
 from rhytid.synthesis.shapes import pore_ellipses
 from rhytid.synthesis.surface import UDIM_COLUMNS, FloatArray, IntArray, Points, Surface, unit
 
+# Side of the cells in which corners of triangles are counted, millimetres; and where the origin lies
+# in its cell: corners of meshes made by rule lie at no border.
+_CELL, _BETWEEN = 0.1, 0.381966
+_LEAST_WEIGHT = 1e-6
 # Two events are at least so many times the sum of their radii apart.
 _APART = 0.8
 # Which kinds are placed first.
@@ -121,27 +125,31 @@ def events_of(
     if settings.events == 0.0:
         return None
     millimetre = spacing * settings.density**0.5 / SKIN.spacing
-    keys, corners = _placed_corners(surface)
+    keys, corners = _placed_corners(surface, millimetre)
     found = [
         _thrown(surface, fields, settings, keys, corners, kind, millimetre)
         for kind in range(1, len(_KINDS) + 1)
     ]
     kind = np.repeat(np.arange(1, len(found) + 1), [len(d.key) for d in found]).astype(np.int32)
     darts = _joined(found)
-    return _shaped(surface, settings, darts, kind, millimetre) if len(kind) else None
+    return _shaped(surface, fields, settings, darts, kind, millimetre) if len(kind) else None
 
 
-def _placed_corners(surface: Surface) -> tuple[Words, IntArray]:
-    """(F,) a word of each triangle, from the bits of the places of its corners, and (F, 3) its
-    corners in the order of these places: whichever comes first in the mesh."""
-    places = surface.corners + 0.0
-    order = np.lexsort(places.transpose(2, 0, 1)[::-1], axis=-1)
-    sorted_ = np.take_along_axis(places, order[..., None], axis=1)
-    bits = np.ascontiguousarray(sorted_.reshape(-1, 9)).view(np.uint32)
-    state = random4(*bits[:, :4].T)
-    for first in (4, 8, 12):
-        state = random4(*(s ^ b for s, b in zip(state, bits[:, first : first + 4].T, strict=True)))
-    return random4(state[0], bits[:, 16], bits[:, 17], 0)[0], order
+def _placed_corners(surface: Surface, millimetre: float) -> tuple[Words, IntArray]:
+    """(F,) a word of each triangle, from the places of its corners, and (F, 3) its corners in the
+    order of these places: whichever comes first in the mesh.
+
+    Places are counted in cells, so that the mesh in another unit, whose positions are rounded
+    otherwise, has the same words but for very few triangles.
+    """
+    places = surface.corners
+    cells = np.floor(places / (_CELL * millimetre) + _BETWEEN).astype(np.int64)
+    keys = np.concatenate([cells, places], axis=-1)[..., [5, 4, 3, 2, 1, 0]]
+    order = np.lexsort(keys.transpose(2, 0, 1), axis=-1)
+    words = np.take_along_axis(cells, order[..., None], axis=1).reshape(-1, 9).astype(np.uint32)
+    state = random4(*words[:, :4].T)
+    state = random4(*(s ^ w for s, w in zip(state, words[:, 4:8].T, strict=True)))
+    return random4(state[0], words[:, 8], 0, 0)[0], order
 
 
 def _thrown(
@@ -230,6 +238,7 @@ def _joined(darts: list[Darts]) -> Darts:
 
 def _shaped(
     surface: Surface,
+    fields: Fields,
     settings: GraphSettings,
     darts: Darts,
     kind: NDArray[np.int32],
@@ -246,6 +255,7 @@ def _shaped(
     points, kind, sizes, radius = darts.points.take(kept), kind[kept], sizes[kept], radius[kept]
     height = radius / millimetre * _between(kind, "steepness", sizes[:, 1])
     weight = height / (EVENT_DEPTHS * SKIN.depth * depth_factor(settings.age))
+    weight = np.maximum(weight * fields.event_strength(points.triangle, points.uv), _LEAST_WEIGHT)
     longer = 1.0 + (_of_kinds(kind, [e.longer for e in _KINDS]) - 1.0) * sizes[:, 2] ** 2
     angle = _angles(surface, points, np.pi * sizes[:, 3])
     metric, circle = pore_ellipses(surface, points.triangle, radius, angle, longer)

@@ -106,6 +106,10 @@ class Fields:
         """Factor of the number of events, at most `most_events`."""
         return np.ones(len(triangle), np.float32)
 
+    def event_strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the height of events, at most 1."""
+        return np.ones(len(triangle), np.float32)
+
 
 class Directions:
     """A smooth field of directions, the same in every call.

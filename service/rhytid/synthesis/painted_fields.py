@@ -214,6 +214,13 @@ class PaintedFields(Fields):
         found: Factors = np.float32(1.0) + signed(self._maps["events"].at(triangle, uv))
         return found
 
+    def event_strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the height of events: less where strength is painted dark."""
+        if "strength" not in self._maps:
+            return super().event_strength(triangle, uv)
+        dark = np.minimum(signed(self._maps["strength"].at(triangle, uv)), np.float32(0.0))
+        return np.asarray(np.float32(1.0) + dark)
+
     def _linear(
         self, name: str, triangle: NDArray[Any], uv: NDArray[Any], *, folded: bool = True
     ) -> Factors:
