@@ -94,6 +94,28 @@ def test_coarse_levels_are_means_of_what_is_drawn(device):
     np.testing.assert_allclose(coarse, means, atol=1e-6 * DEPTH * 16)
 
 
+def test_a_layer_of_codes_has_the_neutral(device):
+    asset = asset_of(device, EVENTFUL, preset="best")
+    manifest, at = asset.bins.manifest(), TileAddress(1001, 0, 1, 2)
+    assert manifest.layers["events"] == 1
+    steps = manifest.steps["events"]
+    codes = [asset.bins.layer_codes(at, "events", None, sample) for sample in (0, 1)]
+    found = sum(step * code.astype(float) for step, code in zip(steps, codes, strict=True))
+    bare = asset_of(device, WITHOUT, preset="best")
+    square = (TILE, 2 * TILE, TILE)
+    maps = [
+        one.mesh.device.read(
+            one.drawing.squares(NEUTRAL_FRAME, MapQuery("neutral"), 1001, [square])[0],
+            (TILE, TILE),
+            np.float32,
+        ).astype(float)
+        for one in (asset, bare)
+    ]
+    np.testing.assert_allclose(found, maps[0] - maps[1], atol=steps[1] + 1e-5 * DEPTH)
+    assert "events" not in bare.bins.manifest().layers
+    assert asset.bins.manifest().depth_exponents["events"] == pytest.approx(3.5)
+
+
 def test_precomputed_maps_hold_no_events(device):
     at = TileAddress(1001, 0, 1, 1)
     one, other = (

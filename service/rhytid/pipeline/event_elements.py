@@ -103,10 +103,13 @@ def around_events(
 
 
 class EventElements:
-    """EventArrays on the device."""
+    """EventArrays on the device.
+
+    tallest: height of the highest or deepest, depths.
+    """
 
     def __init__(self, device: Device, events: EventArrays) -> None:
-        self.count = len(events.centres)
+        self.count, self.tallest = len(events.centres), float(np.abs(events.roots[:, 3]).max())
         copies = 0 if events.origins is None else len(events.origins.triangle)
         self.centres = device.upload(events.centres)
         self.roots = device.upload(events.roots)

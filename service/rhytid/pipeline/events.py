@@ -8,6 +8,7 @@ and `binned`, whose maps do not hold them, has them as exactly as `redraw`.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
 from rhytid.device.programs import NO_DEFINES
@@ -19,6 +20,15 @@ from rhytid.pipeline.redraw import Responder, pore_responder, take_over
 from rhytid.pipeline.smooth import SmoothFields, smooth_pore_responder
 from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.work import BLOCK, Square
+
+# How the layer of codes of events is called, and the share of the log stretch that it answers to,
+# in the middle of those of the kinds.
+EVENT_LAYER, EVENT_ANSWER = "events", 0.35
+# Of a code to that of the coarse map: what the fine map is of, so that both have 15 bits.
+_FINER = 254.0
+_LARGEST_CODE = 127
+# Room in the codes for events whose feet overlap.
+_ROOM = 1.2
 
 
 def respond_events(
@@ -38,6 +48,24 @@ def respond_events_smooth(
 ) -> Buffer:
     """As `respond_events`, each event at its own point."""
     return _responded(device, events, smooth_pore_responder(device, located, settings, fields))
+
+
+def event_steps(tallest: float, settings: AssetSettings) -> tuple[float, float]:
+    """Mesh units for a code of the coarse and of the fine map of events.  tallest: depths."""
+    assert settings.depth is not None
+    coarse = _ROOM * tallest * settings.depth / _LARGEST_CODE
+    return coarse, coarse / _FINER
+
+
+def event_codes(
+    heights: NDArray[np.float32], steps: tuple[float, float]
+) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
+    """The coarse and the fine codes (n, n) of heights (n, n): these are the sum of both, each times
+    its step."""
+    most = _LARGEST_CODE
+    coarse = np.clip(np.rint(heights.astype(np.float64) / steps[0]), -most, most)
+    fine = np.clip(np.rint((heights - coarse * steps[0]) / steps[1]), -most, most)
+    return coarse.astype(np.int8), fine.astype(np.int8)
 
 
 def _responded(device: Device, events: EventElements, responder: Responder) -> Buffer:

@@ -25,8 +25,8 @@ from rhytid.synthesis.seams.copies import Arrays
 from rhytid.synthesis.shapes import pore_ellipses
 from rhytid.synthesis.surface import UDIM_COLUMNS, FloatArray, IntArray, Points, Surface, unit
 
-# Side of the cells in which corners of triangles are counted, millimetres; and where the origin lies
-# in its cell: corners of meshes made by rule lie at no border.
+# Side of the cells in which corners of triangles are counted, millimetres; where in its cell the
+# origin lies, so that corners of meshes made by rule lie at no border.
 _CELL, _BETWEEN = 0.1, 0.381966
 _LEAST_WEIGHT = 1e-6
 # Two events are at least so many times the sum of their radii apart.

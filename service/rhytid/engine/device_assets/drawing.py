@@ -37,9 +37,10 @@ class DeviceDrawing:
         grain: DeviceGrain,
         bins: DeviceBins,
         neutral: DeviceNeutral,
+        events: DeviceEvents,
     ) -> None:
         self._base, self._frames, self._grain, self._bins = base, frames, grain, bins
-        self._neutral, self._events = neutral, DeviceEvents(base, frames)
+        self._neutral, self._events = neutral, events
 
     def to_host(
         self, frame: Frame, query: MapQuery, udim: int, level: int, row: int, column: int, side: int

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
 from rhytid.engine.device_assets.mesh import DeviceMesh
-from rhytid.engine.frames import Frame
+from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.pipeline.blend import Coefficients
 from rhytid.pipeline.event_elements import EventElements
@@ -124,6 +124,21 @@ class DeviceEvents:
         if events is not None:
             scales = self._scales(frame, query, udim, events)
             add_events(base.device, events, base.settings, scales, square, out)
+
+    @property
+    def tallest(self) -> float:
+        """Height of the highest or deepest event, depths; 0 where there is none."""
+        every = (elements.events for elements in self._base.elements.values())
+        return max((events.tallest for events in every if events is not None), default=0.0)
+
+    def heights(self, udim: int, square: Square) -> NDArray[np.float32]:
+        """(n, n) of the events of a square of level 0 in the neutral, mesh units."""
+        device, side = self._base.device, square[2]
+        out = device.full(side * side, np.float32(0.0))
+        self.add(out, NEUTRAL_FRAME, MapQuery("neutral"), udim, square)
+        found: NDArray[np.float32] = device.read(out, (side, side), np.float32)
+        out.release()
+        return found
 
     def _scales(self, frame: Frame, query: MapQuery, udim: int, events: EventElements) -> Buffer:
         base, model, sampling = self._base, query.stretch, query.sampling
