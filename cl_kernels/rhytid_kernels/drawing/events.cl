@@ -22,32 +22,38 @@ inline int2 reached(float4 event, float x, float v)
     return (int2)(max((int)floor(low), 0), min((int)floor(high), BLOCK - 1));
 }
 
-// A work-item draws a row of a block. centres: in texels of the UDIM, v up. roots: (xx, xy, yy, height
-// in depths, below 0 for pits), the rim is where |root d| = 1. forms: of event_profile. scales:
-// (sigma_w, sigma_d). offsets, members: the events of each block, ascending; blocks count from the top
-// left, `blocks` in a row of the map. row, column: the first block. out: side² of displacement.
+// Adds what an event has in row y of a block, counted from the top. row: the texels of that row.
+inline void add_row(float4 event, float2 form, float2 centre, int y, float depth, __global float *row)
+{
+    float v = BLOCK - 1 - y + 0.5f - centre.y, gy = v * event.z;
+    if (!(gy * gy < 1.0f))
+        return;
+    int2 texels = reached(event, centre.x, v);
+    for (int x = texels.x; x <= texels.y; x++) {
+        float gx = (x + 0.5f - centre.x) * event.x + v * event.y;
+        float t2 = min(gx * gx + gy * gy, 1.0f);
+        row[x] += depth * (event.w * event_profile(t2, form));
+    }
+}
+
+// centres: in texels of the UDIM, v up. roots: (xx, xy, yy, height in depths, below 0 for pits), the rim
+// is where |root d| = 1. forms: of event_profile. scales: (sigma_w, sigma_d). offsets, members: the
+// events of each block, ascending; blocks count from the top left, `blocks` in a row of the map. row,
+// column: the first block. out: side² of displacement. A work-item draws STRIP rows of a block.
 __kernel void add_events(__global const float2 *centres, __global const float4 *roots,
                          __global const float2 *forms, __global const float2 *scales,
                          __global const int *offsets, __global const int *members, float least,
                          float depth, int blocks, int row, int column, int side,
                          __global float *out)
 {
-    int across = column + get_global_id(0), y = get_global_id(1), down = row + y / BLOCK;
+    int across = column + get_global_id(0), top = STRIP * get_global_id(1), down = row + top / BLOCK;
     int block = down * blocks + across, first = offsets[block], end = offsets[block + 1];
     float2 corner = (float2)(across, blocks - 1 - down) * (float)BLOCK;
-    out += y * side + get_global_id(0) * BLOCK;
+    out += top * side + get_global_id(0) * BLOCK;
     for (int k = first; k < end; k++) {
         int i = members[k];
         float4 event = scaled_pore(roots[i], scales[i], least);
-        float2 centre = centres[i] - corner;
-        float v = BLOCK - 1 - y % BLOCK + 0.5f - centre.y, gy = v * event.z;
-        if (!(gy * gy < 1.0f))
-            continue;
-        int2 texels = reached(event, centre.x, v);
-        for (int x = texels.x; x <= texels.y; x++) {
-            float gx = (x + 0.5f - centre.x) * event.x + v * event.y;
-            float t2 = min(gx * gx + gy * gy, 1.0f);
-            out[x] += depth * (event.w * event_profile(t2, forms[i]));
-        }
+        for (int y = 0; y < STRIP; y++)
+            add_row(event, forms[i], centres[i] - corner, top % BLOCK + y, depth, out + y * side);
     }
 }

@@ -27,6 +27,8 @@ EVENT_LAYER, EVENT_ANSWER = "events", 0.35
 # Of a code to that of the coarse map: what the fine map is of, so that both have 15 bits.
 _FINER = 254.0
 _LARGEST_CODE = 127
+# Rows of a block that a work-item of events.cl draws.
+_STRIP = 8
 # Room in the codes for events whose feet overlap.
 _ROOM = 1.2
 
@@ -91,10 +93,10 @@ def add_events(
     """
     row, column, side = square
     device.launch(
-        "events", "add_events", (side // BLOCK, side),
+        "events", "add_events", (side // BLOCK, side // _STRIP),
         events.centres, events.roots, events.forms, scales, events.lists.offsets,
         events.lists.members, np.float32(settings.shape.least_half_width),
         np.float32(settings.depth), np.int32(settings.resolution // BLOCK),
         np.int32(row // BLOCK), np.int32(column // BLOCK), np.int32(side), out,
-        defines={"BLOCK": BLOCK},
+        defines={"BLOCK": BLOCK, "STRIP": _STRIP},
     )  # fmt: skip
