@@ -55,11 +55,11 @@ EVENTS: dict[str, Event] = {
     # The mouth of a hair follicle with a plug: in loose groups where beards and vellus grow.
     "bump": Event(
         radius=(0.35, 0.8),
-        steepness=(0.07, 0.13),
+        steepness=(0.08, 0.14),
         groups=9.0,
         rates={
-            WHOLE_FACE: 0.8, "forehead": 0.6, "cheek": 0.8, "nose": 0.2, "lip": 0.0,
-            "eye_corner": 0.1, "neck": 2.0,
+            WHOLE_FACE: 1.2, "forehead": 0.9, "cheek": 1.4, "nose": 0.2, "lip": 0.0,
+            "eye_corner": 0.1, "neck": 2.4,
         },
     ),
     # Low and broad, most of the young.
