@@ -28,6 +28,7 @@ SMALL = (
     "MAPS=6",
     "WAYS=12",
     "CROSSINGS=1",
+    "STRIP=8",
 )
 SMALL_LAYERS = (
     "LAYERS=2",
@@ -49,6 +50,7 @@ LARGE = (
     "MAPS=250",
     "WAYS=12",
     "CROSSINGS=64",
+    "STRIP=8",
 )
 LARGE_LAYERS = ("LAYERS=17", "SAMPLES=7", "PORE_SAMPLES=5", "ORIENTED=16")
 TILTED = ("TILT=1", "TILT_NODE=0.6f")

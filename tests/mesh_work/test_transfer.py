@@ -170,7 +170,8 @@ def test_what_is_too_far_is_dropped_and_counted(mesh: Mesh, graph: WrinkleGraph)
 
     assert moved.far > 0.3 * graph.counts()[0]
     assert moved.lost + moved.torn + moved.graph.counts()[1] == graph.counts()[1]
-    assert moved.graph.counts()[0] + moved.far + moved.averse + moved.unheld == graph.counts()[0]
+    kept, before = (int(g.own_nodes.sum()) for g in (moved.graph, graph))
+    assert kept + moved.far + moved.averse + moved.unheld == before
     assert moved.distance[1] <= 0.02
     (wider,) = (transfer(graph, mesh, part, reach=5.0),)
     assert wider.far == 0
@@ -263,3 +264,12 @@ def test_partners_that_are_copies_count_as_what_they_copy(mesh: Mesh, graph: Wri
     assert one is not None
     assert two is not None
     assert np.array_equal(one, two)
+
+
+def test_events_are_carried_with_their_kinds(mesh: Mesh, device: Device) -> None:
+    with device.task():
+        made = synthesize(mesh, GraphSettings(wrinkles=600, seed=3, events=4.0), device).graph
+    assert made.node_kind is not None
+    moved = transfer(made, mesh, cut_up(mesh)).graph
+    assert moved.event_counts() == made.event_counts() != {}
+    assert moved.counts()[0] == made.counts()[0]

@@ -75,8 +75,8 @@ def places(surface: Surface, graph: WrinkleGraph) -> Floats:
 
 
 def wanted(count: int, seed: int = 1) -> GraphSettings:
-    """Settings for `count` wrinkles."""
-    return GraphSettings(wrinkles=count, seed=seed)
+    """Settings for `count` wrinkles, and pores alone."""
+    return GraphSettings(wrinkles=count, seed=seed, events=0.0)
 
 
 def scattered(device: Device, mesh: Mesh, radius: float, seed: int = 3) -> Points:

@@ -39,7 +39,9 @@ def folds() -> Folds:
 
 @cache
 def grown(device: Device, age: float) -> Synthesis:
-    return synthesize(MESH, GraphSettings(wrinkles=COUNT, age=age), device, folds=folds())
+    return synthesize(
+        MESH, GraphSettings(wrinkles=COUNT, age=age, events=0.0), device, folds=folds()
+    )
 
 
 def places() -> tuple[np.ndarray, np.ndarray]:

@@ -28,7 +28,7 @@ MEMORY = 1 << 32
 
 
 def grown(device: Device, controls: Controls | None = None, **settings: object) -> WrinkleGraph:
-    chosen = GraphSettings(**{"wrinkles": COUNT, **settings})  # type: ignore[arg-type]
+    chosen = GraphSettings(**{"wrinkles": COUNT, "events": 0.0, **settings})  # type: ignore[arg-type]
     return synthesize(MESH, chosen, device, controls=controls).graph
 
 

@@ -88,9 +88,10 @@ class Asset:
     `levels` counts the levels of a map; `pores` and `wrinkles` are 0 until the graph exists.
     `statistics`, None until then, has the `spacing` of pores where density is 1, which usual
     lengths are in proportion to, their mean `distance` as it came out, both in mesh units, the mean
-    `degree` and `strengths`, wrinkles by weight in tenths from 0 to 1.  `warnings`: what
-    is probably wrong with the mesh, in the answer to `create_asset` also with its frames and
-    settings.  `notices`: what is worth knowing of its present settings and no mistake.
+    `degree`, `strengths`, wrinkles by weight in tenths from 0 to 1, and `events`, numbers of single
+    features by kind.  `warnings`: what is probably wrong with the mesh, in the answer to
+    `create_asset` also with its frames and settings.  `notices`: what is worth knowing of its
+    present settings and no mistake.
     `centre`: what the server subtracts from positions, which it keeps as float32.
     """
 

@@ -115,6 +115,7 @@ _MEANT = {
     "anisotropy": "how far lines keep to it, white is double, black is not at all",
     "scale": "width of wrinkles, white is 4 times, black a quarter",
     "pore_radius": "radius of pores, white is 4 times, black a quarter",
+    "events": "number of bumps, scars, moles and the like, white is double, black is none",
 }
 POSITIONS = body(
     {

@@ -220,6 +220,9 @@ class GraphStatistics(BaseModel):
     )
     degree: float = Field(description="mean number of wrinkles per pore")
     strengths: list[int] = Field(description="wrinkles by weight, in tenths from 0 to 1")
+    events: dict[str, int] = Field(
+        default_factory=dict, description="bumps, scars, moles and other single features, by kind"
+    )
 
 
 class Asset(_Answer):

@@ -49,14 +49,15 @@ class BinManifest:
     `merge` is mellow, with {"wrinkle_bulges": N, "pore_bulges": 1} for the bulges. With tilts
     {"wrinkle_tilts": N}, of one sample: from -1 at the edge of a bin of smaller angle to 1 at the
     other. With cushions {"cushions": N}, coarse. With grain {"grain": 1}, of one sample, always
-    int8.
+    int8. With events {"events": 1}, of the neutral, int8 too: the sum of two maps, a coarse one,
+    sample 0, and a fine one; `binned` itself has events anew in each frame.
     steps: displacement per code by layer and sample, mesh units; the step of tilts has no unit.
     bits: per code.  merge, depth_factored: as in the settings.  depth: of strength 1, mesh units.
     sharpness: β of the merge.  log_stretch_limit: log ρ is clamped to it.  scale_limit: σ stays
     within 1/scale_limit and scale_limit.  depth_exponents: of the σ_d that blending multiplies by,
-    for wrinkles and pores; 0 where maps contain σ_d.  measured_in: where angles are taken, "uv" or
-    "surface".  tilt, cushion, grain: None without them.  soft_limits: limits bend in place of
-    clamping.  pore_depth_limit: limit of σ_d of pores.
+    for wrinkles, pores and events; 0 where maps contain σ_d.  measured_in: where angles are taken,
+    "uv" or "surface".  tilt, cushion, grain: None without them.  soft_limits: limits bend in place
+    of clamping.  pore_depth_limit: limit of σ_d of pores and events.
     """
 
     angles: tuple[float, ...]

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.events import EVENT_NAMES, MOST_KIND
 from rhytid.domain.lengths import Lengths, millimetres
 from rhytid.domain.mesh import UV_LIMIT, Mesh
 from rhytid.domain.validation import first_bad_row, fixed_array
@@ -53,6 +54,7 @@ _SHAPES: dict[str, tuple[tuple[int | None, ...], Any]] = {
     "edge_end_weights": ((None, 2), _F32),
     "edge_end_half_widths": ((None, 2), _F32),
     "edge_partners": ((None, 2), np.int32),
+    "node_kind": ((None,), np.int32),
 }
 ARRAYS = tuple(_SHAPES)
 REQUIRED = ARRAYS[:6]
@@ -73,6 +75,8 @@ class WrinkleGraph:
     node_triangle (N,), edge_triangle (M,) i32 or None: the triangle to sample; -1 = find it.
     node_grain, node_undulation (N,) f32 or None: factor of the grain, and of the undulation, around
     a pore, from 0 to MOST_GRAIN.
+    node_kind (N,) i32 or None: 0 for a pore, above it an event: the number of its kind in EVENTS,
+    counted from 1; its strength is its height, see EVENT_DEPTHS. None: all are pores.
     node_copy_of (N,), edge_copy_of (M,) i32 or None: -1, or for what is stored again because it
     reaches over a UV seam, in the UV of the other side, the row of what it is a copy of. A copy
     answers to stretch as its original does, whatever triangle it names; it is the same pore or
@@ -113,6 +117,7 @@ class WrinkleGraph:
     edge_partners: NDArray[np.int32] | None = None
     node_grain: NDArray[np.float32] | None = None
     node_undulation: NDArray[np.float32] | None = None
+    node_kind: NDArray[np.int32] | None = None
     origin: GraphOrigin | None = None
 
     def __post_init__(self) -> None:
@@ -126,7 +131,7 @@ class WrinkleGraph:
 
     @property
     def pores(self) -> int:
-        """Number of nodes, copies and ends beyond seams included."""
+        """Number of nodes: pores and events, copies and ends beyond seams included."""
         return len(self.node_uv)
 
     @property
@@ -144,9 +149,36 @@ class WrinkleGraph:
         """(M,) true for edges that are no copies."""
         return _originals(self.edge_copy_of, self.wrinkles)
 
+    @property
+    def pore_weight(self) -> NDArray[np.float32]:
+        """(N,) the strengths of pores; 0 for events."""
+        if self.node_kind is None:
+            return self.node_weight
+        found: NDArray[np.float32] = self.node_weight * (self.node_kind == 0)
+        return found
+
+    @property
+    def event_weight(self) -> NDArray[np.float32]:
+        """(N,) the strengths of events; 0 for pores."""
+        if self.node_kind is None:
+            return np.zeros_like(self.node_weight)
+        found: NDArray[np.float32] = self.node_weight * (self.node_kind > 0)
+        return found
+
     def counts(self) -> tuple[int, int]:
-        """Numbers of pores and of wrinkles: nodes and edges without copies."""
-        return int(np.count_nonzero(self.own_nodes)), int(np.count_nonzero(self.own_edges))
+        """Numbers of pores and of wrinkles: nodes but for events, and edges, without copies."""
+        pores = self.own_nodes
+        if self.node_kind is not None:
+            pores = pores & (self.node_kind == 0)
+        return int(np.count_nonzero(pores)), int(np.count_nonzero(self.own_edges))
+
+    def event_counts(self) -> dict[str, int]:
+        """Numbers of events by their kind, without copies; kinds of which there are none are left
+        out."""
+        if self.node_kind is None:
+            return {}
+        found = np.bincount(self.node_kind[self.own_nodes], minlength=MOST_KIND + 1)[1:]
+        return {n: int(k) for n, k in zip(EVENT_NAMES, found, strict=True) if k}
 
     def without_copies(self) -> WrinkleGraph:
         """The graph in which copies have no strength and no wrinkle has a metric: it is drawn as
@@ -172,15 +204,17 @@ class WrinkleGraph:
         return middle
 
     def figures(self) -> dict[str, Any]:
-        """Figures of the graph for JSON: `degree`, mean wrinkles per pore that is drawn, and
-        `strengths`, numbers of wrinkles by weight in tenths from 0 to 1. Copies do not count."""
-        drawn, strong = (self.node_weight > 0) & self.own_nodes, self.edge_weight > 0
+        """Figures of the graph for JSON: `degree`, mean wrinkles per pore that is drawn,
+        `strengths`, numbers of wrinkles by weight in tenths from 0 to 1, and `events`, as
+        `event_counts`. Copies do not count."""
+        drawn, strong = (self.pore_weight > 0) & self.own_nodes, self.edge_weight > 0
         strong &= self.own_edges
         ends = np.count_nonzero(drawn[self.original_nodes(self.edge_nodes[strong])])
         shown = self.edge_weight[strong]
         return {
             "degree": int(ends) / max(int(np.count_nonzero(drawn)), 1),
             "strengths": np.histogram(shown, 10, (0.0, 1.0))[0].tolist(),
+            "events": self.event_counts(),
         }
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -210,6 +244,8 @@ class WrinkleGraph:
         rule = f"from 0 to {MOST_GRAIN:g}"
         for name in ("node_grain", "node_undulation"):
             self._require(name, lambda share: (share >= 0) & (share <= MOST_GRAIN), rule)
+        rule = f"from 0 to {MOST_KIND}"
+        self._require("node_kind", lambda kind: (kind >= 0) & (kind <= MOST_KIND), rule)
         rule = f"slopes within ±{STEEPEST:g}"
         self._require("edge_slopes", lambda slope: np.abs(slope) <= _F32(STEEPEST), rule)
         rule = f"-1 or the index of a wrinkle, at most {self.wrinkles - 1}"

@@ -38,11 +38,12 @@ NEUTRALS = {
     "anisotropy": 0.5,
     "scale": 0.5,
     "pore_radius": 0.5,
+    "events": 0.5,
     **dict.fromkeys(REGION_MAPS, 0.0),
 }
 CONTROLS = tuple(NEUTRALS)
 # Maps of what is drawn; by all others pores and lines grow.
-_DRAWN = ("strength", "scale", "pore_radius")
+_DRAWN = ("strength", "scale", "pore_radius", "events")
 # Both middle codes of 8 bits, and all between them, are the middle: 0 of `signed`.
 _DARKER, _LIGHTER = np.float32(127 / 255), np.float32(128 / 255)
 # Plain skin; also the value where there is no map.

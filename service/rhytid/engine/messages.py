@@ -161,9 +161,10 @@ class AssetInfo:
     statistics: None until then; "spacing" of pores where density is 1, in mesh units, as the
     metadata of the graph have it; "distance", the mean distance of pores on the surface as it came
     out; "degree", the mean number of wrinkles at a pore; "strengths", wrinkles by weight, in tenths
-    from 0 to 1.  warnings: of what is probably wrong with the mesh.  notices: facts about its
-    present settings that are worth knowing and no mistake.  centre: the point that was subtracted
-    from its positions as they were sent, and is subtracted from those of its frames.
+    from 0 to 1; "events", single features by kind, which are no pores.  warnings: of what is
+    probably wrong with the mesh.  notices: facts about its present settings that are worth knowing
+    and no mistake.  centre: the point that was subtracted from its positions as they were sent, and
+    is subtracted from those of its frames.
     """
 
     id: str

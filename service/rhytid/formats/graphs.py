@@ -19,7 +19,7 @@ from rhytid.formats.limits import check_size
 _DTYPES = dict.fromkeys(
     (
         *("edge_nodes", "node_triangle", "edge_triangle"),
-        *("node_copy_of", "edge_copy_of", "edge_partners"),
+        *("node_copy_of", "edge_copy_of", "edge_partners", "node_kind"),
     ),
     "I32",
 )

@@ -45,11 +45,11 @@ _CLOSEST = 8.0**-0.5
 class Transfer:
     """A graph on another mesh, and what was lost on the way.
 
-    distance: mean and most, of the pores that were kept to the other surface, mesh units.
-    far: pores with nothing within reach.  averse: pores whose nearest place faces away from them,
-    as the other lip does.  unheld: pores that the UV there cannot hold.  lost: wrinkles without one
-    of these.  torn: wrinkles that would be TORN times as long or short.  over_seams: wrinkles kept
-    whose ends lie in two charts.
+    distance: mean and most, of the pores that were kept to the other surface, mesh units. Events
+    count as pores here.  far: pores with nothing within reach.  averse: pores whose nearest place
+    faces away from them, as the other lip does.  unheld: pores that the UV there cannot hold.
+    lost: wrinkles without one of these.  torn: wrinkles that would be TORN times as long or short.
+    over_seams: wrinkles kept whose ends lie in two charts.
     """
 
     graph: WrinkleGraph
@@ -271,6 +271,8 @@ def _assembled(graph: WrinkleGraph, moved: _Moved, wrinkles: _Wrinkles) -> Wrink
         "edge_metric": np.zeros((len(nodes), 3)),
         **_strengths(graph, wrinkles),
     }
+    if graph.node_kind is not None:
+        arrays["node_kind"] = np.concatenate([graph.node_kind[source], np.zeros(len(split))])
     arrays = {name: _typed(name, array) for name, array in arrays.items()}
     arrays = with_copies(arrays, moved.surface, moved.borders, _apart(moved))
     for name in _OPTIONAL:
@@ -328,5 +330,5 @@ def _apart(moved: _Moved) -> float:
 
 def _typed(name: str, array: NDArray[Any]) -> NDArray[Any]:
     """An array in the type that the graph has for it."""
-    whole = name in ("edge_nodes", "edge_partners") or name.endswith(("_triangle", "_copy_of"))
+    whole = name.endswith(("_nodes", "_partners", "_kind", "_triangle", "_copy_of"))
     return np.asarray(array, np.int32 if whole else np.float32)

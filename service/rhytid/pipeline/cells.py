@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.buffer import Buffer
+from rhytid.device.runtime import Device
 from rhytid.errors import LimitError
 
 # An entry takes some forty bytes while the lists are made.
@@ -26,6 +28,24 @@ class CellLists:
     offsets: NDArray[np.int32]
     members: NDArray[np.int32]
     work: NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True)
+class Lists:
+    """Block lists on the device."""
+
+    offsets: Buffer
+    members: Buffer
+
+    @classmethod
+    def upload(cls, device: Device, lists: CellLists) -> Lists:
+        """The lists, on the device."""
+        return cls(device.upload(lists.offsets), device.upload(lists.members))
+
+    def release(self) -> None:
+        """Give the memory back."""
+        self.offsets.release()
+        self.members.release()
 
 
 def list_by_cell(

@@ -15,9 +15,10 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.tiles import udim_origin
-from rhytid.pipeline.cells import CellLists
+from rhytid.pipeline.cells import CellLists, Lists
 from rhytid.pipeline.copies import OriginBuffers, Origins, copied, copies_last, skews_of
 from rhytid.pipeline.cushion_layer import BroadLayer, CushionArrays, narrow_weight
+from rhytid.pipeline.event_elements import EventArrays, EventElements, around_events
 from rhytid.pipeline.reach import (
     Bends,
     around_pores,
@@ -154,7 +155,7 @@ def pore_arrays(
     root = pore_roots(graph)
     low, high = around_pores(centres, root, settings)
     chosen, first = copies_last(
-        drawn_rows(graph.node_weight, low, high), copied(graph.node_copy_of, None)
+        drawn_rows(graph.pore_weight, low, high), copied(graph.node_copy_of, None)
     )
     limit_cover(low[chosen], high[chosen], settings.resolution, "pores", udim)
     size = np.float32(settings.resolution)
@@ -187,10 +188,12 @@ def check_cover(
     bends = bends_of(graph, settings)
     if (broad := BroadLayer.of(graph, ends, settings, bends)) is not None:
         broad.check(reaching_in(broad.swells, broad.low, broad.high), udim, limit)
-    around = (
+    around = [
         ("wrinkle", graph.edge_weight, around_wrinkles(graph, ends, settings, bends)),
-        ("pore", graph.node_weight, around_pores(local, pore_roots(graph), settings)),
-    )
+        ("pore", graph.pore_weight, around_pores(local, pore_roots(graph), settings)),
+    ]
+    if graph.node_kind is not None:
+        around.append(("event", graph.event_weight, around_events(graph, local, settings)))
     for what, weight, (low, high) in around:
         inside = reaching_in(weight, low, high)
         low, high = low[inside], high[inside]
@@ -226,16 +229,22 @@ def _with_partners(
 
 
 class UdimElements:
-    """The wrinkles and pores of one UDIM on the device.
+    """The wrinkles, pores and events of one UDIM on the device.
 
     work: of drawing any square of them.  pace, bins_pace: at which that goes, of what a frame shows
-    and of one precomputed map."""
+    and of one precomputed map.  events: None where there are none.
+    """
 
     def __init__(
-        self, device: Device, wrinkles: WrinkleArrays, pores: PoreArrays, bin_count: int
+        self,
+        device: Device,
+        wrinkles: WrinkleArrays,
+        pores: PoreArrays,
+        bin_count: int,
+        events: EventArrays | None = None,
     ) -> None:
         self.wrinkles, self.pores = len(wrinkles.segments), len(pores.centres)
-        self.work = work_of(wrinkles, pores)
+        self.work = work_of(wrinkles, pores, events)
         self.pace, self.bins_pace = DrawingPace(device.work_pace), DrawingPace(device.work_pace)
         self.segments = device.upload(wrinkles.segments)
         self.sizes = device.upload(wrinkles.sizes)
@@ -256,6 +265,7 @@ class UdimElements:
         self.pore_stiffness = _upload(device, pores.stiffness)
         self.pore_lists = Lists.upload(device, pores.lists)
         self.pore_origins = OriginBuffers.upload(device, pores.origins, self.pores - pores.copies)
+        self.events = None if events is None else EventElements(device, events)
 
     @property
     def bent(self) -> bool:
@@ -282,26 +292,8 @@ class UdimElements:
     def release(self) -> None:
         """Give the memory back."""
         for value in vars(self).values():
-            if isinstance(value, Lists | CushionElements | Buffer | OriginBuffers):
+            if isinstance(value, Lists | CushionElements | EventElements | Buffer | OriginBuffers):
                 value.release()
-
-
-@dataclass(frozen=True)
-class Lists:
-    """Block lists on the device."""
-
-    offsets: Buffer
-    members: Buffer
-
-    @classmethod
-    def upload(cls, device: Device, lists: CellLists) -> Lists:
-        """The lists, on the device."""
-        return cls(device.upload(lists.offsets), device.upload(lists.members))
-
-    def release(self) -> None:
-        """Give the memory back."""
-        self.offsets.release()
-        self.members.release()
 
 
 @dataclass(frozen=True)
@@ -331,10 +323,13 @@ def orientation_bins(segments: NDArray[np.float32], count: int) -> NDArray[np.ui
     return (np.rint(angle * (count / np.pi)).astype(np.int64) % count).astype(np.uint8)
 
 
-def work_of(wrinkles: WrinkleArrays, pores: PoreArrays) -> MapWork:
-    """The work of drawing the wrinkles and pores of a UDIM."""
+def work_of(
+    wrinkles: WrinkleArrays, pores: PoreArrays, events: EventArrays | None = None
+) -> MapWork:
+    """The work of drawing the wrinkles, pores and events of a UDIM."""
     broad = None if wrinkles.cushion is None else (wrinkles.cushion.lists, wrinkles.cushion.factor)
-    return MapWork(wrinkles.lists, pores.lists, cushion=broad)
+    lists = [wrinkles.lists, pores.lists, *(() if events is None else (events.lists,))]
+    return MapWork(*lists, cushion=broad)
 
 
 def _upload(device: Device, array: NDArray[Any] | None) -> Buffer | None:

@@ -81,11 +81,18 @@ def _boxes(
 
 
 def around_pores(
-    centres: NDArray[np.float32], root: NDArray[np.float64], settings: AssetSettings
+    centres: NDArray[np.float32],
+    root: NDArray[np.float64],
+    settings: AssetSettings,
+    scale: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Corners (N, 2) and (N, 2) of the boxes around pores at any stretch."""
+    """Corners (N, 2) and (N, 2) of the boxes around pores at any stretch.
+
+    scale: (N, 1) the largest width scale of each; None: that of pores.
+    """
     response = settings.response
-    reach = rim_reach(root) * widest(response.beta_w, response.log_stretch_limit)
+    wide = widest(response.beta_w, response.log_stretch_limit) if scale is None else scale
+    reach = rim_reach(root) * wide
     if least := least_half_width(settings):  # of an ellipse no axis of which is below it
         reach = np.hypot(reach, least)
     return centres - reach, centres + reach

@@ -14,9 +14,10 @@ from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.programs import NO_DEFINES
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
+from rhytid.pipeline.cells import Lists
 from rhytid.pipeline.copies import OriginBuffers
 from rhytid.pipeline.cushion import draw_cushion
-from rhytid.pipeline.elements import Lists, UdimElements
+from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.reach import response_defines
 from rhytid.pipeline.stretch import StretchBuffers
@@ -63,6 +64,15 @@ def respond(
             defines={**defines, **elements.response_defines},
         )  # fmt: skip
 
+    pores = pore_responder(device, settings, stretch)
+    respond_with(device, elements, settings, scales, wrinkles, pores)
+    return scales
+
+
+def pore_responder(device: Device, settings: AssetSettings, stretch: StretchBuffers) -> Responder:
+    """Launches Alg. 2 with the stretch of each triangle."""
+    response, defines = settings.response, response_defines(settings.response.soft_limits)
+
     def pores(
         count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer
     ) -> None:
@@ -74,8 +84,7 @@ def respond(
             defines=defines,
         )  # fmt: skip
 
-    respond_with(device, elements, settings, scales, wrinkles, pores)
-    return scales
+    return pores
 
 
 def respond_with(
@@ -96,21 +105,25 @@ def respond_with(
             elements.wrinkle_stiffness, found,
         )  # fmt: skip
         defines = elements.response_defines
-        _take_over(device, elements.wrinkle_origins, wrinkles, found, defines)
+        take_over(device, elements.wrinkle_origins, wrinkles, found, defines)
     pores(
         elements.pores, elements.centres, elements.pore_triangle, elements.pore_stiffness,
         scales.pores,
     )  # fmt: skip
-    _take_over(device, elements.pore_origins, pores, scales.pores, NO_DEFINES)
+    take_over(device, elements.pore_origins, pores, scales.pores, NO_DEFINES)
 
 
-def _take_over(
+def take_over(
     device: Device,
     origins: OriginBuffers | None,
     responder: Responder,
     found: Buffer,
     defines: Mapping[str, object],
 ) -> None:
+    """Give copies the response of their originals, in `found`.
+
+    defines: that the kernels which found both were compiled with.
+    """
     if origins is not None:
         responder(
             origins.count, origins.places, origins.triangle, origins.stiffness, origins.scales

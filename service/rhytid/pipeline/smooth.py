@@ -18,7 +18,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.reach import response_defines
-from rhytid.pipeline.redraw import ScaleBuffers, respond_with
+from rhytid.pipeline.redraw import Responder, ScaleBuffers, respond_with
 from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.uv_vertices import UvVertices, unit_jacobians
 
@@ -132,6 +132,17 @@ def respond_smooth(
             defines={**defines, **elements.response_defines},
         )  # fmt: skip
 
+    pores = smooth_pore_responder(device, located, settings, fields)
+    respond_with(device, elements, settings, scales, wrinkles, pores)
+    return scales
+
+
+def smooth_pore_responder(
+    device: Device, located: UdimTriangles, settings: AssetSettings, fields: SmoothFields
+) -> Responder:
+    """Launches Alg. 2 with the stretch at each point."""
+    response, texels = settings.response, np.float32(settings.resolution)
+
     def pores(
         count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer
     ) -> None:
@@ -140,8 +151,7 @@ def respond_smooth(
             places, triangle, texels, *fields.arguments(located), stiff,
             np.float32(response.beta_w), np.float32(response.beta_d),
             np.float32(response.pore_depth_limit), into,
-            defines=defines,
+            defines=response_defines(response.soft_limits),
         )  # fmt: skip
 
-    respond_with(device, elements, settings, scales, wrinkles, pores)
-    return scales
+    return pores

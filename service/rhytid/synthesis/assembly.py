@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.synthesis import shapes
 from rhytid.synthesis.candidate_graph import Ground
+from rhytid.synthesis.events import Events
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.hashes import place_keys
 from rhytid.synthesis.lines import Lines, ends_of
@@ -49,7 +50,8 @@ class EdgeStrengths:
 class GraphParts:
     """The pores of a graph and the lines between them, to be given sizes and weights.
 
-    spacing: mean distance of a pore to the nearest on even skin, in units of the surface.
+    spacing: mean distance of a pore to the nearest on even skin, in units of the surface.  events:
+    None where there are none.
     """
 
     ground: Ground
@@ -59,6 +61,7 @@ class GraphParts:
     strengths: EdgeStrengths
     spacing: float
     seed: int
+    events: Events | None = None
 
     def graph(self, progress: Progress) -> WrinkleGraph:
         """The graph: pores and lines with sizes and weights, and copies of those that reach over a
@@ -88,13 +91,25 @@ class GraphParts:
             "edge_metric": np.zeros((len(weight), 3), np.float32),
             **ends.arrays(),
         }
+        beside = self._beside()
+        if self.events is not None:
+            arrays = self.events.added_to(arrays)
         least = self.spacing * min(fields.least_spacing, _CLOSEST)
         arrays = with_copies(arrays, ground.surface, self.borders, least)
-        beside = {
-            "node_grain": fields.grain(pores.triangle, pores.uv),
-            "node_undulation": fields.undulation(pores.triangle, pores.uv),
-        }
-        return WrinkleGraph(**arrays, **_of_nodes(arrays, beside, lines.owner), origin=None)
+        return WrinkleGraph(**arrays, **_of_nodes(arrays, beside), origin=None)
+
+    def _beside(self) -> dict[str, NDArray[np.float32]]:
+        """Factors of nodes by name: of pores, of nodes beyond a border, then of events."""
+        found = {}
+        for name in ("grain", "undulation"):
+            factor = getattr(self.ground.fields, name)
+            every = factor(self.pores.triangle, self.pores.uv)
+            every = np.concatenate([every, every[self.lines.owner]])
+            if self.events is not None:
+                at = self.events.points
+                every = np.concatenate([every, factor(at.triangle, at.uv)])
+            found[f"node_{name}"] = every
+        return found
 
     def _shapes_of_pores(
         self, strengths: NDArray[np.float32], progress: Progress
@@ -120,6 +135,8 @@ class GraphParts:
         )
         size *= np.float32(shapes.PORE_SIZE * self.spacing)
         _scale(depth, fields.pore_strength(pores.triangle, pores.uv))
+        if self.events is not None:
+            _scale(depth, self.events.fading(surface, pores.triangle, pores.uv))
         axes = pore_axes(
             surface, pores.triangle, lines.nodes[first], lines.step[first], strengths, key,
             self.seed,
@@ -142,6 +159,8 @@ class GraphParts:
             wide[rows] = width
             half_width[rows] = shapes.half_widths_uv(ground.surface, triangle, step, width)
             factor[rows] = fields.strength(triangle, middle)
+            if self.events is not None:
+                factor[rows] *= self.events.fading(ground.surface, triangle, middle)
             if fields.some_bare:
                 factor[rows] *= beside_bare(
                     ground.surface, ground.across, fields, triangle, middle, spacing
@@ -153,23 +172,18 @@ class GraphParts:
         return weight, factor, half_width, wide
 
 
-def _of_nodes(
-    arrays: Arrays, of_pores: dict[str, NDArray[np.float32]], owner: NDArray[np.integer]
-) -> Arrays:
-    """Arrays of factors of the nodes from those of the pores, by name; none where that is 1
-    throughout.
-
-    Nodes are ordered: pores, then ends of their wrinkles, then copies.
-    """
-    every = {}
-    for name, factor in of_pores.items():
+def _of_nodes(arrays: Arrays, every: dict[str, NDArray[np.float32]]) -> Arrays:
+    """Factors of all nodes from those of nodes that are no copies, by name; none where that is 1
+    throughout."""
+    found = {}
+    for name, factor in every.items():
         if (factor == 1.0).all():
             continue
-        found = np.concatenate([factor, factor[owner]])
-        if len(found) < len(arrays["node_uv"]):
-            found = np.concatenate([found, found[arrays["node_copy_of"][len(found) :]]])
-        every[name] = found
-    return every
+        if len(factor) < len(arrays["node_uv"]):
+            copied = arrays["node_copy_of"][len(factor) :]
+            factor = np.concatenate([factor, factor[copied]])
+        found[name] = factor
+    return found
 
 
 def _scale(weight: NDArray[np.float32], factor: NDArray[np.float32]) -> None:

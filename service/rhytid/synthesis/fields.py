@@ -3,11 +3,13 @@ preferred directions of its lines: a smooth field of directions, bent by smooth 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.skin import WHOLE_FACE
 from rhytid.synthesis.progress import Progress, row_blocks
 from rhytid.synthesis.surface import FloatArray, Points, unit
 
@@ -32,7 +34,8 @@ class Fields:
     least_spacing, most_spacing: limits of `spacing`, above 0. Two pores stand apart by the radius
     times the mean of their factors.  detail: UV length within which spacing and bareness hardly
     change.  some_bare: whether `bare` is true anywhere.  some_contrast: whether `contrast` differs
-    from 1 anywhere.  usual_pore_radius: `pore_radius` where nothing is painted.
+    from 1 anywhere.  usual_pore_radius: `pore_radius` where nothing is painted.  most_events: of
+    `events`.
     """
 
     least_spacing = 1.0
@@ -41,6 +44,7 @@ class Fields:
     some_bare = False
     some_contrast = False
     usual_pore_radius = 1.0
+    most_events = 1.0
 
     def spacing(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the distance between pores."""
@@ -94,6 +98,20 @@ class Fields:
 
     def pore_radius(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the radius of pores."""
+        return np.ones(len(triangle), np.float32)
+
+    def of_regions(
+        self, values: Mapping[str, float], triangle: NDArray[Any], uv: NDArray[Any]
+    ) -> Factors:
+        """Values that every region has, by its name, mixed as the regions are at points."""
+        return np.full(len(triangle), values[WHOLE_FACE], np.float32)
+
+    def events(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the number of events, at most `most_events`."""
+        return np.ones(len(triangle), np.float32)
+
+    def event_strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the height of events, at most 1."""
         return np.ones(len(triangle), np.float32)
 
 

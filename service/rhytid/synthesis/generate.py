@@ -18,6 +18,7 @@ from rhytid.errors import MeshError
 from rhytid.synthesis.assembly import EdgeStrengths, GraphParts
 from rhytid.synthesis.candidate_graph import CandidateGraph, Cut, Ground, priorities
 from rhytid.synthesis.capacity import check_drawn, check_radius, wrinkles_in_all
+from rhytid.synthesis.events import Events, events_of
 from rhytid.synthesis.fields import Directions, Fields
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.incidence import independent_set
@@ -108,7 +109,8 @@ def synthesize(
         skin, cut = _skin(ground, plain if uneven else fields, settings, part(report, 0.0, 0.94))
         distance = mean_spacing(work, skin.net.pores)[0] * surface.scale
         borders = Borders.of(mesh, surface, across)
-        graph = skin.drawn(ground, borders, cut, settings.start, part(report, 0.95, 1.0))
+        events = events_of(surface, fields, settings, skin.spacing)
+        graph = skin.drawn(ground, borders, cut, settings.start, part(report, 0.95, 1.0), events)
     report(1.0, "shapes")
     lengths = Lengths.of(skin.spacing * surface.scale, settings.age)
     return Synthesis(graph, lengths, distance, surface.stretched)
@@ -156,14 +158,20 @@ class Skin:
         return SPACING * self.radius
 
     def drawn(
-        self, ground: Ground, borders: Borders, cut: Cut, seed: int, progress: Progress
+        self,
+        ground: Ground,
+        borders: Borders,
+        cut: Cut,
+        seed: int,
+        progress: Progress,
+        events: Events | None = None,
     ) -> WrinkleGraph:
         """The graph of the edges down to `cut`, in spatial order."""
         progress(0.0, "shapes")
         chosen = np.flatnonzero(cut.draws(self.net.edges, self.priority)).astype(np.int32)
         lines = draw(ground, self.net, borders, chosen, self.spacing)
         parts = GraphParts(
-            ground, self.net.pores, lines, borders, self.strengths, self.spacing, seed
+            ground, self.net.pores, lines, borders, self.strengths, self.spacing, seed, events
         )
         return parts.graph(part(progress, 0.1, 1.0))
 

@@ -44,12 +44,12 @@ def normals(key: Words, salt: int, seed: int) -> NDArray[np.float32]:
     key (N,): a word each.  salt: another number for each purpose.  seed: of the graph.
     """
     one, two, _, _ = random4(key, salt, seed, 0)
-    radius = np.sqrt(np.float32(-2.0) * np.log(_unit_interval(one)))
-    deviates: NDArray[np.float32] = radius * np.cos(np.float32(2.0 * np.pi) * _unit_interval(two))
+    radius = np.sqrt(np.float32(-2.0) * np.log(unit_interval(one)))
+    deviates: NDArray[np.float32] = radius * np.cos(np.float32(2.0 * np.pi) * unit_interval(two))
     return deviates
 
 
-def _unit_interval(word: Words) -> NDArray[np.float32]:
+def unit_interval(word: Words) -> NDArray[np.float32]:
     """(N,) numbers in (0, 1) from random words (N,)."""
     found: NDArray[np.float32] = (word >> np.uint32(9)).astype(np.float32)
     found += np.float32(0.5)

@@ -94,6 +94,7 @@ class PaintedFields(Fields):
         self._some_folded = folds is not None and any(self._skin[n].folded != 1.0 for n in used)
         low, high = self._densities()
         self.least_spacing, self.most_spacing = high**-0.5, low**-0.5
+        self.most_events = 2.0 if "events" in maps else 1.0
         self.some_bare = "density" in maps and self._darkest() < BARE
         shaping = [self._maps[name] for name in ("density", *self._regions) if name in maps]
         details = [lookup.detail for lookup in shaping]
@@ -198,6 +199,37 @@ class PaintedFields(Fields):
     def undulation(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the broad swells: of the regions. No map changes it."""
         return self._region("undulation", triangle, uv)
+
+    def of_regions(
+        self, values: Mapping[str, float], triangle: NDArray[Any], uv: NDArray[Any]
+    ) -> Factors:
+        """Values of the regions, mixed by their masks as factors are."""
+        base = values[self._settings.region]
+        total, mixed = np.zeros(len(triangle), np.float32), np.zeros(len(triangle), np.float32)
+        for region in self._regions:
+            weight = self._maps[region].at(triangle, uv, neutral=NEUTRALS[region])
+            mixed += weight * np.float32(values[region.removeprefix(REGION_PREFIX)])
+            total += weight
+        mixed /= np.maximum(total, 1.0)
+        left = np.maximum(1.0 - total, 0.0)
+        if self._folds is None or not self._masks:
+            return np.asarray(mixed + left * np.float32(base), np.float32)
+        planes = self._folds.mixed({region: values[region] for region in self._masks}, base)
+        return np.asarray(mixed + left * self._folds.at(planes, triangle, uv), np.float32)
+
+    def events(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the number of events; painted black is none, white is double."""
+        if "events" not in self._maps:
+            return super().events(triangle, uv)
+        found: Factors = np.float32(1.0) + signed(self._maps["events"].at(triangle, uv))
+        return found
+
+    def event_strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the height of events: less where strength is painted dark."""
+        if "strength" not in self._maps:
+            return super().event_strength(triangle, uv)
+        dark = np.minimum(signed(self._maps["strength"].at(triangle, uv)), np.float32(0.0))
+        return np.asarray(np.float32(1.0) + dark)
 
     def _linear(
         self, name: str, triangle: NDArray[Any], uv: NDArray[Any], *, folded: bool = True

@@ -33,6 +33,7 @@ def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any
     pores, wrinkles: how many the graph holds, without copies at UV seams.  drawn_pores,
     drawn_wrinkles: how many of these have a strength above 0.  copied_pores, copied_wrinkles: how
     many copies there are.  seam_wrinkles: how many wrinkles join pores on two sides of a seam.
+    events: how many there are of each kind, without copies; they are no pores.
 
     The others are of what is drawn, each pore and wrinkle once. distance: mean and deviation of the
     distance from a pore to the nearest on the surface, mesh units.  length: mean and deviation of
@@ -54,12 +55,13 @@ def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any
     pores, wrinkles = graph.counts()
     return {
         "pores": pores,
-        "drawn_pores": int(np.count_nonzero(graph.node_weight[graph.own_nodes])),
-        "copied_pores": int(np.count_nonzero(graph.node_weight[~graph.own_nodes])),
+        "drawn_pores": int(np.count_nonzero(graph.pore_weight[graph.own_nodes])),
+        "copied_pores": int(np.count_nonzero(graph.pore_weight[~graph.own_nodes])),
         "wrinkles": wrinkles,
         "drawn_wrinkles": int(np.count_nonzero(graph.edge_weight[graph.own_edges])),
         "copied_wrinkles": graph.wrinkles - wrinkles,
         "seam_wrinkles": net.seams,
+        "events": graph.event_counts(),
         "distance": {"mean": mean * surface.scale, "deviation": deviation * surface.scale},
         "length": _moments(net.length * surface.scale),
         "degree": _degrees(net),
@@ -139,7 +141,7 @@ def _net(mesh: Mesh, surface: Surface, graph: WrinkleGraph) -> _Net:
     )
     points = _points(surface, graph, np.flatnonzero(placed))
     step = points.position[nodes[:, 1]] - points.position[nodes[:, 0]]
-    length, pores = np.linalg.norm(step, axis=-1), graph.node_weight[placed] > 0
+    length, pores = np.linalg.norm(step, axis=-1), graph.pore_weight[placed] > 0
     return _Net(points, pores, nodes, step, length, weight, seams)
 
 

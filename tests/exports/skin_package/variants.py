@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import product
 
-from rhytid.exports.skin_package.manifest import Manifest
+from rhytid.exports.skin_package.manifest import Layer, Manifest
 from rhytid.exports.skin_package.shaders import MERGES, shader_texts
 
 STAGES = ("vert", "frag", "comp")
@@ -23,11 +23,12 @@ def whole_shaders(full: Manifest, language: str) -> Iterator[tuple[str, str, str
 
 
 def _changed(full: Manifest, merge: str, plain: bool) -> Manifest:
-    """Plain: without soft limits, tilt, grain and cushion."""
+    """Plain: without soft limits, tilt, grain, events and cushion."""
     assert None not in (full.blend.tilt, full.blend.grain, full.cushion)
     blend = full.blend.model_copy(update={"merge": merge, "soft_limits": not plain})
     if not plain:
-        return full.model_copy(update={"blend": blend})
+        layers = [*full.layers, _events(full)]
+        return full.model_copy(update={"blend": blend, "layers": layers})
     blend = blend.model_copy(update={"tilt": None, "grain": None})
     shaders = {
         name: one.model_copy(
@@ -36,3 +37,10 @@ def _changed(full: Manifest, merge: str, plain: bool) -> Manifest:
         for name, one in full.shaders.items()
     }
     return full.model_copy(update={"blend": blend, "cushion": None, "shaders": shaders})
+
+
+def _events(full: Manifest) -> Layer:
+    """The layer of events after the maps that the package has."""
+    pores = next(layer for layer in full.layers if layer.name == "pores")
+    more = {"name": "events", "first": full.textures.maps, "samples": [0.0, 0.0]}
+    return pores.model_copy(update={**more, "steps": [1e-4, 4e-7], "bins": 1})

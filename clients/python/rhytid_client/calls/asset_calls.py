@@ -64,7 +64,7 @@ def create_asset(
     skin.1002.png; or one image for a mesh of one UDIM. 1 moves freely, 0 is rigid. At most
     8192 texels per side and 134,217,728 in all.
     controls: maps that guide synthesis, by name, given like stiffness: density, strength,
-    direction, turn, anisotropy, scale, pore_radius, and region_forehead and the like.
+    direction, turn, anisotropy, scale, pore_radius, events, and region_forehead and the like.
     shapes: expressions that lines grow by: positions (E, V, 3), or a mapping of names to positions
     (V, 3), or a .npy or .npz file; absent, those of the mesh file count, or its frames.
     progress: called with bytes sent and bytes in all.

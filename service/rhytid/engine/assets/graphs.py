@@ -61,7 +61,7 @@ def mean_spacing(mesh: Mesh, graph: WrinkleGraph, triangle: NDArray[np.int32]) -
     edge where none do.
     """
     on_mesh = (triangle < len(mesh.faces)) & graph.own_nodes
-    for chosen in (on_mesh & (graph.node_weight > 0), on_mesh):
+    for chosen in (on_mesh & (graph.pore_weight > 0), on_mesh):
         places = surface_points(mesh, graph.node_uv[chosen], triangle[chosen])
         places = np.unique(places, axis=0)  # of pores that coincide one counts
         if len(places) >= 2:

@@ -9,7 +9,7 @@ from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.bins import DeviceBins
 from rhytid.engine.device_assets.drawing import DeviceDrawing, DeviceNeutral
-from rhytid.engine.device_assets.frames import DeviceFrames, DeviceGrain
+from rhytid.engine.device_assets.frames import DeviceEvents, DeviceFrames, DeviceGrain
 from rhytid.engine.device_assets.levels import DeviceFinest, DeviceLevels
 from rhytid.engine.device_assets.mesh import DeferredWork, DeviceMesh
 from rhytid.engine.frames import NEUTRAL_FRAME
@@ -36,9 +36,10 @@ class DeviceAsset:
         self.mesh = DeviceMesh(device, mesh, settings, stiffness)
         self.frames = DeviceFrames(self.mesh)
         grain = DeviceGrain(self.mesh, self.frames)
-        self.bins = DeviceBins(self.mesh, self.frames, grain)
+        events = DeviceEvents(self.mesh, self.frames)
+        self.bins = DeviceBins(self.mesh, self.frames, grain, events)
         self.neutral = DeviceNeutral(self.mesh, self.frames)
-        self.drawing = DeviceDrawing(self.mesh, self.frames, grain, self.bins, self.neutral)
+        self.drawing = DeviceDrawing(self.mesh, self.frames, grain, self.bins, self.neutral, events)
         self.finest = DeviceFinest(self.mesh, self.drawing)
         self.levels = DeviceLevels(self.mesh, self.finest)
 

@@ -4,6 +4,7 @@ them."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,7 +15,7 @@ from rhytid.device.launches import DrawingPace
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.bin_manifest import BinManifest, CushionLayer, GrainLayer, TiltLine
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.device_assets.frames import DeviceFrames, DeviceGrain
+from rhytid.engine.device_assets.frames import DeviceEvents, DeviceFrames, DeviceGrain
 from rhytid.engine.device_assets.mesh import DeferredWork, DeviceMesh
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery
@@ -33,6 +34,7 @@ from rhytid.pipeline.bins import (
 )
 from rhytid.pipeline.cushion import cushion_layers, cushion_map_count, cushion_steps
 from rhytid.pipeline.cushion_layer import APRON
+from rhytid.pipeline.events import EVENT_ANSWER, EVENT_LAYER, event_codes, event_steps
 from rhytid.pipeline.grain import GRAIN, grain_amplitude, grain_exponent, relief
 from rhytid.pipeline.reach import SCALE_LIMIT
 from rhytid.pipeline.vectors import BYTES_A_TEXEL
@@ -41,8 +43,10 @@ from rhytid.pipeline.vectors import BYTES_A_TEXEL
 class DeviceBins:
     """The precomputed maps of an asset, kept while there is memory (section 2.4)."""
 
-    def __init__(self, base: DeviceMesh, frames: DeviceFrames, grain: DeviceGrain) -> None:
-        self._base, self._frames, self._grain = base, frames, grain
+    def __init__(
+        self, base: DeviceMesh, frames: DeviceFrames, grain: DeviceGrain, events: DeviceEvents
+    ) -> None:
+        self._base, self._frames, self._grain, self._events = base, frames, grain, events
 
     def tile(self, address: TileAddress) -> BinTile:
         """The precomputed maps of a tile, made where they are not there. Raises DeferredWork where
@@ -100,6 +104,9 @@ class DeviceBins:
             codes = self._grain.codes(address.udim, row, column)
             found: NDArray[np.integer] = device.read(codes, (side, side), np.int8)
             return found
+        if layer == EVENT_LAYER:
+            heights = self._events.heights(address.udim, self._base.square(address))
+            return event_codes(heights, event_steps(self._events.tallest, settings))[sample]
         broad = cushion_layers(settings)
         if layer not in broad:
             return self.codes(address, layers(settings.bins)[layer][bin] + sample)
@@ -110,7 +117,17 @@ class DeviceBins:
 
     def manifest(self) -> BinManifest:
         """The manifest that clients need to blend the maps (docs/binned.md)."""
-        return _manifest(self._base.settings, self._base.cushion_factor)
+        settings = self._base.settings
+        found = _manifest(settings, self._base.cushion_factor)
+        if (tallest := self._events.tallest) == 0.0:
+            return found
+        exponent = EVENT_ANSWER * settings.response.beta_d
+        return replace(
+            found,
+            layers={**found.layers, EVENT_LAYER: 1},
+            steps={**found.steps, EVENT_LAYER: event_steps(tallest, settings)},
+            depth_exponents={**found.depth_exponents, EVENT_LAYER: exponent},
+        )
 
     def size(self) -> int:
         """Bytes that the level-0 maps of every UDIM need, as far as `BYTES_A_TEXEL` is right."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rhytid.device.buffer import Buffer
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.bins import DeviceBins
-from rhytid.engine.device_assets.frames import DeviceFrames, DeviceGrain
+from rhytid.engine.device_assets.frames import DeviceEvents, DeviceFrames, DeviceGrain
 from rhytid.engine.device_assets.mesh import DeferredWork, DeviceMesh
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
@@ -37,9 +37,10 @@ class DeviceDrawing:
         grain: DeviceGrain,
         bins: DeviceBins,
         neutral: DeviceNeutral,
+        events: DeviceEvents,
     ) -> None:
         self._base, self._frames, self._grain, self._bins = base, frames, grain, bins
-        self._neutral = neutral
+        self._neutral, self._events = neutral, events
 
     def to_host(
         self, frame: Frame, query: MapQuery, udim: int, level: int, row: int, column: int, side: int
@@ -60,7 +61,10 @@ class DeviceDrawing:
         if query.method == "binned":
             tile = self._base.tile_side
             at = [TileAddress(udim, 0, row // tile, column // tile) for row, column, _ in places]
-            return self._bins.blended(frame, query, at)
+            made = self._bins.blended(frame, query, at)
+            for out, place in zip(made, places, strict=True):
+                self._events.add(out, frame, query, udim, place)
+            return made
         drawn = self._convolved if query.method == "convolved" else self._redrawn
         draw = drawn(frame, query, udim)
         return [draw(*place) for place in places]
@@ -69,7 +73,8 @@ class DeviceDrawing:
         """Draws squares of `redraw` or `neutral`."""
         deformed = NEUTRAL_FRAME if query.method == "neutral" else frame
         lines = self._lines(deformed, query, udim)
-        return self._grain.added(lines, deformed, query, udim)
+        grained = self._grain.added(lines, deformed, query, udim)
+        return self._events.added(grained, deformed, query, udim)
 
     def _lines(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
         """Draws wrinkles and pores of a frame, without grain."""
@@ -81,7 +86,8 @@ class DeviceDrawing:
             neutral = self._neutral.tile(query, udim, (row, column, side))
             return self._convolve(neutral, frame, query, udim)
 
-        return self._grain.added(draw, frame, query, udim)
+        grained = self._grain.added(draw, frame, query, udim)
+        return self._events.added(grained, frame, query, udim)
 
     def _convolve(self, tile: NeutralTile, frame: Frame, query: MapQuery, udim: int) -> Buffer:
         base, model = self._base, query.stretch

@@ -1,5 +1,5 @@
 """Arrays computed from the frames of an asset: their stretch, what follows from it for wrinkles and
-triangles, and grain."""
+triangles, events, and grain."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
 from rhytid.engine.device_assets.mesh import DeviceMesh
-from rhytid.engine.frames import Frame
+from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.pipeline.blend import Coefficients
+from rhytid.pipeline.event_elements import EventElements
+from rhytid.pipeline.events import add_events, respond_events, respond_events_smooth
 from rhytid.pipeline.grain import (
     Grain,
     GrainPlace,
@@ -96,6 +98,59 @@ class DeviceFrames:
             frame, "kernels", model,
             make=lambda: base.convolve.kernels(self.stretch(frame, model), base.settings),
         )  # fmt: skip
+
+
+class DeviceEvents:
+    """The events of an asset in a frame, to be added to what any method draws."""
+
+    def __init__(self, base: DeviceMesh, frames: DeviceFrames) -> None:
+        self._base, self._frames = base, frames
+
+    def added(self, draw: Draw, frame: Frame, query: MapQuery, udim: int) -> Draw:
+        """Draws as `draw` does, and adds the events of a frame."""
+        if self._base.elements[udim].events is None:
+            return draw
+
+        def with_events(row: int, column: int, side: int) -> Buffer:
+            out = draw(row, column, side)
+            self.add(out, frame, query, udim, (row, column, side))
+            return out
+
+        return with_events
+
+    def add(self, out: Buffer, frame: Frame, query: MapQuery, udim: int, square: Square) -> None:
+        """Add the events of a frame to a square of level 0."""
+        base, events = self._base, self._base.elements[udim].events
+        if events is not None:
+            scales = self._scales(frame, query, udim, events)
+            add_events(base.device, events, base.settings, scales, square, out)
+
+    @property
+    def tallest(self) -> float:
+        """Height of the highest or deepest event, depths; 0 where there is none."""
+        every = (elements.events for elements in self._base.elements.values())
+        return max((events.tallest for events in every if events is not None), default=0.0)
+
+    def heights(self, udim: int, square: Square) -> NDArray[np.float32]:
+        """(n, n) of the events of a square of level 0 in the neutral, mesh units."""
+        device, side = self._base.device, square[2]
+        out = device.full(side * side, np.float32(0.0))
+        self.add(out, NEUTRAL_FRAME, MapQuery("neutral"), udim, square)
+        found: NDArray[np.float32] = device.read(out, (side, side), np.float32)
+        out.release()
+        return found
+
+    def _scales(self, frame: Frame, query: MapQuery, udim: int, events: EventElements) -> Buffer:
+        base, model, sampling = self._base, query.stretch, query.sampling
+        device, settings = base.device, base.settings
+
+        def make() -> Buffer:
+            if sampling == "smooth":
+                fields, located = self._frames.fields(frame, model), base.located[udim]
+                return respond_events_smooth(device, events, located, settings, fields)
+            return respond_events(device, events, settings, self._frames.stretch(frame, model))
+
+        return base.cache.keep_of(frame, "event scales", udim, model, sampling, make=make)
 
 
 class DeviceGrain:

@@ -31,6 +31,7 @@ from rhytid.pipeline.elements import (
     pore_arrays,
     wrinkle_arrays,
 )
+from rhytid.pipeline.event_elements import EventArrays, event_arrays
 from rhytid.pipeline.grain import relief_shares
 from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.smooth import SmoothStage
@@ -39,7 +40,7 @@ from rhytid.pipeline.stretch import StretchStage
 from rhytid.pipeline.waves import wrinkle_waves
 from rhytid.pipeline.work import Square
 
-Prepared = dict[int, tuple[WrinkleArrays, PoreArrays]]
+Prepared = dict[int, tuple[WrinkleArrays, PoreArrays, EventArrays | None]]
 T = TypeVar("T", bound=Releasable)
 # Frames of an asset whose stretch, and what follows from it, stay on the device. A task uses two at
 # most, its frame and the neutral, so none is dropped in the task that uses it.
@@ -144,6 +145,7 @@ class DeviceMesh:
             udim: (
                 wrinkle_arrays(graph, wrinkle, settings, udim, self._wrinkle_stiffness, waves),
                 pore_arrays(graph, self.pore_triangle, settings, udim, self._pore_stiffness),
+                event_arrays(graph, self.pore_triangle, settings, udim, self._pore_stiffness),
             )
             for udim in self.located
         }
@@ -162,7 +164,7 @@ class DeviceMesh:
         """Upload elements beside those that are drawn now; `take` makes them those that are
         drawn."""
         count = settings.bins.count
-        return {u: UdimElements(self.device, w, p, count) for u, (w, p) in prepared.items()}
+        return {u: UdimElements(self.device, w, p, count, e) for u, (w, p, e) in prepared.items()}
 
     def take(self, elements: dict[int, UdimElements], settings: AssetSettings) -> None:
         """Draw these elements with these settings from now on. On failure they are freed, and the

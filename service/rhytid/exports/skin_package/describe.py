@@ -12,6 +12,7 @@ from rhytid.exports.skin_package import manifest as m
 from rhytid.exports.skin_package.languages import BINDINGS, LANGUAGES
 from rhytid.exports.skin_package.maps import CUSHIONS, WRINKLES, SkinMaps
 from rhytid.exports.skin_package.shaders import COMPUTE, materialx_files, stretch_file
+from rhytid.pipeline.events import EVENT_LAYER
 
 TRIANGLES_A_ROW = 1024
 
@@ -114,15 +115,20 @@ def _layers(maps: SkinMaps) -> list[m.Layer]:
 
 def _layer(maps: SkinMaps, name: str, first: int = 0) -> m.Layer:
     bins = maps.bins
-    samples = {"pores": bins.pore_samples, "wrinkles": bins.samples, CUSHIONS: bins.samples}
-    pores = name == "pores"
+    samples = {
+        "pores": bins.pore_samples,
+        "wrinkles": bins.samples,
+        CUSHIONS: bins.samples,
+        EVENT_LAYER: (0.0, 0.0),
+    }
+    pores = name in ("pores", EVENT_LAYER)
     return m.Layer(
         name=name,
         first=first,
         bins=bins.layers[name],
         samples=list(samples.get(name, (0.0,))),
         steps=list(bins.steps[name]),
-        depth_exponent=bins.depth_exponents["pores" if pores else "wrinkles"],
+        depth_exponent=bins.depth_exponents[name if pores else "wrinkles"],
         depth_limit=bins.pore_depth_limit if pores else bins.scale_limit,
     )
 
@@ -145,7 +151,7 @@ def _cushion(maps: SkinMaps, written: PackageTextures) -> m.Cushion | None:
 
 def _weights(maps: SkinMaps, triangles: int) -> m.Weights:
     layers, rows = len(maps.bins.angles) + 1, _rows(triangles)
-    layers += maps.bins.grain is not None
+    layers += maps.bins.grain is not None or EVENT_LAYER in maps.bins.layers
     return m.Weights(width=TRIANGLES_A_ROW, height=layers * rows, rows=rows)
 
 

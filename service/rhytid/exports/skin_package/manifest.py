@@ -16,10 +16,13 @@ class _Part(BaseModel):
 class Layer(_Part):
     """Maps of one kind: of every bin those of its samples, then those of the next bin."""
 
-    name: str = Field(description="wrinkles, pores, wrinkle_tilts, grain or cushions")
+    name: str = Field(description="wrinkles, pores, wrinkle_tilts, grain, events or cushions")
     first: int = Field(ge=0, description="the first of its maps in its array, of a page")
     bins: int = Field(ge=1)
-    samples: list[float] = Field(description="log stretch of each sample; [0] where there is one")
+    samples: list[float] = Field(
+        description="log stretch of each sample; [0] where there is one; [0, 0] of events, which "
+        "are the sum of a coarse and a fine map of the neutral"
+    )
     steps: list[float] = Field(
         description="of each sample what code 1 stands for: mesh units along the outward normal; "
         "of tilts the share of half a bin"
@@ -122,8 +125,8 @@ class Stretch(_Part):
 
 class Weights(_Part):
     """The target of the pass of weights.frag, RGBA32F: texel (t % width, layer * rows + t / width)
-    of triangle t. Layers are the bins, the pores and, where there is grain, how much of it shows.
-    """
+    of triangle t. Layers are the bins, the pores and, where there is grain or are
+    events, how much of each shows."""
 
     width: int
     height: int
@@ -195,7 +198,7 @@ CONVENTIONS = {
     "log_stretch": "natural logarithm of deformed over neutral length, not clamped",
     "triangle": "index in the order of skin.glb; stretch.triangles where there is none",
 }
-LEFT_OUT = ["smooth sampling", "stiffness"]
+LEFT_OUT = ["smooth sampling", "stiffness", "events that widen with stretch"]
 
 
 def schema() -> dict[str, Any]:

@@ -19,10 +19,11 @@ from rhytid.domain.tiles import TileAddress
 from rhytid.errors import SettingsError
 from rhytid.exports.skin_package.texture_arrays import Paging
 from rhytid.pipeline.bins import HEADROOM, map_count
+from rhytid.pipeline.events import EVENT_LAYER
 from rhytid.pipeline.grain import relief
 
 # The layers of the array of maps, in this order.
-LAYERS = ("pores", "wrinkle_tilts", "grain")
+LAYERS = ("pores", "wrinkle_tilts", "grain", EVENT_LAYER)
 # Layers with arrays of their own, stored as sets of their samples.
 WRINKLES, CUSHIONS = "wrinkles", "cushions"
 LEAST_CODE = -127
@@ -74,7 +75,8 @@ class SkinMaps:
     @property
     def scale(self) -> float:
         """The largest displacement that is possible, mesh units."""
-        return self.bins.scale_limit * (1.0 + HEADROOM) * self.bins.depth
+        events = -LEAST_CODE * self.bins.steps.get(EVENT_LAYER, (0.0,))[0]
+        return self.bins.scale_limit * (1.0 + HEADROOM) * self.bins.depth + events
 
     @property
     def cushion_side(self) -> int:

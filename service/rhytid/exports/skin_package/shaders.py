@@ -18,6 +18,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 from rhytid.exports.skin_package.languages import LANGUAGES, Language, preprocessed, runtime_text
 from rhytid.exports.skin_package.manifest import Blend, Layer, Manifest, MaterialX
 from rhytid.exports.skin_package.runtime import runtime
+from rhytid.pipeline.events import EVENT_LAYER
 
 MERGES = ("min", "soft", "signed")
 # The languages of the compute shaders of stretch, by their names in the manifest.
@@ -106,8 +107,13 @@ def flags(manifest: Manifest) -> dict[str, bool]:
         "SOFT_LIMITS": blend.soft_limits,
         "TILT": blend.tilt is not None,
         "GRAIN": blend.grain is not None,
+        "EVENTS": _has_events(manifest),
         "CUSHION": manifest.cushion is not None,
     }
+
+
+def _has_events(manifest: Manifest) -> bool:
+    return any(layer.name == EVENT_LAYER for layer in manifest.layers)
 
 
 def constants(manifest: Manifest, language: Language) -> str:
@@ -184,6 +190,14 @@ def _optional(manifest: Manifest, layers: dict[str, Layer]) -> list[tuple[str, N
             ("GRAIN_EXPONENT", blend.grain.exponent),
             ("GRAIN_STEP", grain.steps[0]),
             ("FIRST_GRAIN", grain.first),
+        ]
+    if _has_events(manifest):
+        events = layers[EVENT_LAYER]
+        lines += [
+            ("EVENT_EXPONENT", events.depth_exponent),
+            ("EVENT_STEP", events.steps[0]),
+            ("EVENT_FINE_STEP", events.steps[1]),
+            ("FIRST_EVENTS", events.first),
         ]
     if cushion is not None:
         unit = math.log(2.0) * blend.depth / cushion.sharpness

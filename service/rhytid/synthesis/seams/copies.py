@@ -77,6 +77,7 @@ def copied_pores(arrays: Arrays, borders: Borders, seams: Seams) -> Arrays:
         "node_metric": flat(there[kept]),
         "node_triangle": placements.landing(borders)[kept],
         "node_copy_of": of.astype(np.int32),
+        **({"node_kind": arrays["node_kind"][of]} if "node_kind" in arrays else {}),
     }
 
 
@@ -106,6 +107,7 @@ def copied_wrinkles(arrays: Arrays, surface: Surface, borders: Borders, seams: S
         "node_metric": arrays["node_metric"][pores],
         "node_triangle": np.repeat(landing, 2),
         "node_copy_of": np.where(first == ORIGINAL, pores, first).astype(np.int32),
+        "node_kind": np.zeros(2 * count, np.int32),
         "edge_nodes": np.arange(2 * count, dtype=np.int32).reshape(-1, 2),
         "edge_weight": arrays["edge_weight"][of],
         "edge_half_width": width.astype(np.float32),

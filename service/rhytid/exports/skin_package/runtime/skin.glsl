@@ -18,7 +18,7 @@ uniform sampler2D rhytid_cushion; // of the frame, made by the pass cushion, R32
 
 // What the codes of two samples of a layer are multiplied by in a face, in units of the merge; the
 // first of them; the rise of the depth over the tilts. Of the layer after the pores: how much of the
-// grain shows.
+// grain and of events shows.
 vec4 rhytid_weights_of(int face, int layer)
 {
     int row = face / RHYTID_TRIANGLES_A_ROW;
@@ -162,6 +162,12 @@ float rhytid_height(ivec2 texel)
     float left = clamp(1.0 + height / RHYTID_DEPTH, 0.25, 1.0);
     float grain = rhytid_code(rhytid_maps, inner, base + RHYTID_FIRST_GRAIN);
     height += RHYTID_GRAIN_STEP * gain.x * left * grain;
+#endif
+#if EVENTS
+    vec4 shown = rhytid_weights_of(face, RHYTID_BINS + 1);
+    float coarse = rhytid_code(rhytid_maps, inner, base + RHYTID_FIRST_EVENTS);
+    float fine = rhytid_code(rhytid_maps, inner, base + RHYTID_FIRST_EVENTS + 1);
+    height += shown.y * (RHYTID_EVENT_STEP * coarse + RHYTID_EVENT_FINE_STEP * fine);
 #endif
     return height;
 }

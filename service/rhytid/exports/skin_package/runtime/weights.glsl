@@ -118,14 +118,25 @@ float rhytid_grain_gain(RhytidStretch s)
 #endif
 }
 
+// How much of events, bumps and pits of the neutral, shows: as of pores that answer less.
+float rhytid_event_gain(RhytidStretch s)
+{
+#if EVENTS
+    float r = 0.5 * (s.logs.x + s.logs.y);
+    return rhytid_scale(r, -RHYTID_EVENT_EXPONENT, RHYTID_PORE_DEPTH_LIMIT);
+#else
+    return 0.0;
+#endif
+}
+
 // A texel of the weights: RHYTID_ROWS rows of triangles for every bin, then those of the pores, then of
-// the grain.
+// the grain and of events.
 vec4 rhytid_weights_at(ivec2 texel)
 {
     int layer = texel.y / RHYTID_ROWS;
     RhytidStretch s = rhytid_stretch_of(ivec2(texel.x, texel.y - layer * RHYTID_ROWS));
     if (layer > RHYTID_BINS) {
-        return vec4(rhytid_grain_gain(s), 0.0, 0.0, 0.0);
+        return vec4(rhytid_grain_gain(s), rhytid_event_gain(s), 0.0, 0.0);
     }
     return rhytid_layer(layer, s);
 }

@@ -1,0 +1,310 @@
+"""Single features of the skin, placed on a surface: bumps, papules, scars, milia, moles, pores.
+
+Darts are thrown into every triangle, numbered, by a word of the places of its corners: what is
+below it in the UV map, and its number, make no difference. A dart counts where its level is below
+the events to an area there, so that more events leave those where they are that there were. Larger
+kinds come first, and keep others at a distance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from rhytid.domain.asset_settings import GraphSettings
+from rhytid.domain.events import EVENT_DEPTHS, EVENTS
+from rhytid.domain.graph import ORIGINAL
+from rhytid.domain.lengths import SKIN
+from rhytid.domain.skin import depth_factor
+from rhytid.synthesis.fields import Fields, SmoothNoise, level_directions
+from rhytid.synthesis.hashes import Words, random4, unit_interval
+from rhytid.synthesis.seams.copies import Arrays
+from rhytid.synthesis.shapes import pore_ellipses
+from rhytid.synthesis.surface import UDIM_COLUMNS, FloatArray, IntArray, Points, Surface, unit
+
+# Side of the cells in which corners of triangles are counted, millimetres; where in its cell the
+# origin lies, so that corners of meshes made by rule lie at no border.
+_CELL, _BETWEEN = 0.1, 0.381966
+_LEAST_WEIGHT = 1e-6
+# Two events are at least so many times the sum of their radii apart.
+_APART = 0.8
+# Which kinds are placed first.
+_FIRST = ("mole", "scar", "papule", "milium", "bump", "wide_pore")
+_KINDS = tuple(EVENTS.values())
+# Of kinds that come in groups: how far their numbers to an area differ, a deviation of their
+# logarithm; and the most of the factor.
+_GROUPED, _DENSEST = 1.1, 6.0
+# The share of these that stands alone.
+_STRAY = 0.35
+# So that random numbers for one purpose are others than for another.
+_THROWN, _SIZED, _NOISE = 11, 31, 51
+Singles = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Darts:
+    """N darts of one kind.  points: where.  key (N,): a random word of each.  level (N,): in darts
+    per cm²."""
+
+    points: Points
+    key: Words
+    level: FloatArray
+
+    def take(self, index: NDArray[np.bool_]) -> Darts:
+        """The darts of a mask."""
+        return Darts(self.points.take(index), self.key[index], self.level[index])
+
+
+@dataclass(frozen=True, eq=False)
+class Events:
+    """E events on a surface, in an order that follows from their places.
+
+    kind (E,): as `node_kind`.  weight (E,): strengths.  radius (E,): of circles as large, in units
+    of the surface.  metric (E, 3), circle (E,): UV metrics and radii.
+    """
+
+    points: Points
+    kind: NDArray[np.int32]
+    weight: Singles
+    radius: FloatArray
+    metric: Singles
+    circle: Singles
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    def added_to(self, arrays: Arrays) -> Arrays:
+        """The arrays of a graph with the events after its nodes; none of these is a copy yet, but
+        for ends of wrinkles."""
+        own = {
+            "node_uv": self.points.uv.astype(np.float32),
+            "node_weight": self.weight,
+            "node_radius": self.circle,
+            "node_metric": self.metric,
+            "node_triangle": self.points.triangle.astype(np.int32),
+            "node_copy_of": np.full(len(self), ORIGINAL, np.int32),
+            "node_kind": self.kind,
+        }
+        pores = np.zeros(len(arrays["node_uv"]), np.int32)
+        found = {**arrays, "node_kind": pores}
+        return found | {
+            name: np.concatenate([found[name], own[name]]).astype(found[name].dtype) for name in own
+        }
+
+    def fading(
+        self, surface: Surface, triangle: NDArray[np.integer], uv: NDArray[np.floating]
+    ) -> Singles:
+        """(N,) factors of the weights of what lies at uv (N, 2): below 1 over events whose kind
+        lines fade over."""
+        most = np.array([0.0, *(event.fading for event in _KINDS)])[self.kind]
+        over = np.flatnonzero(most > 0)
+        factor = np.ones(len(triangle), np.float32)
+        if not len(over):
+            return factor
+        tree, radius = cKDTree(self.points.position[over]), self.radius[over]
+        places = surface.place(triangle, uv.astype(np.float64))
+        distance, near = tree.query(places, k=1, distance_upper_bound=float(radius.max()))
+        there = np.flatnonzero(np.isfinite(distance))
+        event = near[there]
+        inside = np.maximum(1.0 - (distance[there] / radius[event]) ** 4, 0.0)
+        factor[there] = 1.0 - most[over][event] * inside
+        return factor
+
+
+def events_of(
+    surface: Surface, fields: Fields, settings: GraphSettings, spacing: float
+) -> Events | None:
+    """The events of a surface; None where there are none.
+
+    spacing: of pores on even skin, in units of the surface. Sizes in millimetres count from it: it
+    is that of SKIN where density is 1.
+    """
+    if settings.events == 0.0:
+        return None
+    millimetre = spacing * settings.density**0.5 / SKIN.spacing
+    keys, corners = _placed_corners(surface, millimetre)
+    found = [
+        _thrown(surface, fields, settings, keys, corners, kind, millimetre)
+        for kind in range(1, len(_KINDS) + 1)
+    ]
+    kind = np.repeat(np.arange(1, len(found) + 1), [len(d.key) for d in found]).astype(np.int32)
+    darts = _joined(found)
+    return _shaped(surface, fields, settings, darts, kind, millimetre) if len(kind) else None
+
+
+def _placed_corners(surface: Surface, millimetre: float) -> tuple[Words, IntArray]:
+    """(F,) a word of each triangle, from the places of its corners, and (F, 3) its corners in the
+    order of these places: whichever comes first in the mesh.
+
+    Places are counted in cells, so that the mesh in another unit, whose positions are rounded
+    otherwise, has the same words but for very few triangles.
+    """
+    places = surface.corners
+    cells = np.floor(places / (_CELL * millimetre) + _BETWEEN).astype(np.int64)
+    keys = np.concatenate([cells, places], axis=-1)[..., [5, 4, 3, 2, 1, 0]]
+    order = np.lexsort(keys.transpose(2, 0, 1), axis=-1)
+    words = np.take_along_axis(cells, order[..., None], axis=1).reshape(-1, 9).astype(np.uint32)
+    state = random4(*words[:, :4].T)
+    state = random4(*(s ^ w for s, w in zip(state, words[:, 4:8].T, strict=True)))
+    return random4(state[0], words[:, 8], 0, 0)[0], order
+
+
+def _thrown(
+    surface: Surface,
+    fields: Fields,
+    settings: GraphSettings,
+    keys: Words,
+    corners: IntArray,
+    kind: int,
+    millimetre: float,
+) -> Darts:
+    """The darts of a kind that count."""
+    event = _KINDS[kind - 1]
+    rates = {r: settings.events * v for r, v in event.rates_at(settings.age).items()}
+    most = max(rates.values()) * fields.most_events * (_DENSEST if event.groups else 1.0)
+    darts = _darts(surface, keys, corners, kind, settings.start, most, (10.0 * millimetre) ** 2)
+    at = darts.points
+    rate = fields.of_regions(rates, at.triangle, at.uv).astype(np.float64)
+    rate *= fields.events(at.triangle, at.uv)
+    rate *= ~fields.bare(at.triangle, at.uv)
+    if event.groups:
+        noise = SmoothNoise(event.groups, np.random.default_rng([settings.start, _NOISE, kind]))
+        rate *= _grouped(noise.at(at.position / millimetre))
+    return darts.take(darts.level < rate)
+
+
+def _grouped(noise: Singles) -> Singles:
+    """Factors of the number of events in groups, their mean 1 but for the limit."""
+    deviation = np.float32(_GROUPED)
+    factor: Singles = np.exp(deviation * noise - np.float32(0.5) * deviation**2)
+    stray = np.float32(_STRAY)
+    found: Singles = stray + (np.float32(1.0) - stray) * np.minimum(factor, np.float32(_DENSEST))
+    return found
+
+
+def _darts(
+    surface: Surface,
+    keys: Words,
+    corners: IntArray,
+    kind: int,
+    seed: int,
+    most: float,
+    square: float,
+) -> Darts:
+    """The darts of a kind below the level `most`, in darts per `square`."""
+    used = np.flatnonzero(surface.carries & (surface.area > 0))
+    area = surface.area[used] / square
+    count = np.floor(area * most).astype(np.int64) + 1
+    triangle, area = np.repeat(used, count), np.repeat(area, count)
+    number = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
+    one, two, three, key = random4(keys[triangle], number, _THROWN + kind, seed)
+    level = (number + unit_interval(one).astype(np.float64)) / area
+    low = np.flatnonzero(level < most)
+    at = triangle[low]
+    points = _points(surface, at, corners[at], two[low], three[low])
+    inside = (points.uv >= 0).all(axis=1) & (points.uv[:, 0] < UDIM_COLUMNS)
+    return Darts(points, key[low], level[low]).take(inside)
+
+
+def _points(
+    surface: Surface, triangle: IntArray, corners: IntArray, one: Words, two: Words
+) -> Points:
+    """Points even over triangles (N,), from two words each.  corners (N, 3): in their order."""
+    a, b = (unit_interval(word).astype(np.float64) for word in (one, two))
+    beyond = a + b > 1.0
+    a, b = np.where(beyond, 1.0 - a, a), np.where(beyond, 1.0 - b, b)
+    shares = np.stack([1.0 - a - b, a, b], axis=-1)
+
+    def mixed(values: FloatArray) -> FloatArray:
+        at = values[triangle[:, None], corners]
+        # One by one: a product of matrices may round a row by where in the array it is.
+        found: FloatArray = at[:, 0] * shares[:, :1] + at[:, 1] * shares[:, 1:2]
+        return found + at[:, 2] * shares[:, 2:]
+
+    uv, position = mixed(surface.uv).astype(np.float32), mixed(surface.corners)
+    return Points(triangle, uv, position, unit(mixed(surface.normals)))
+
+
+def _joined(darts: list[Darts]) -> Darts:
+    points = [d.points for d in darts]
+    names = ("triangle", "uv", "position", "normal")
+    whole = Points(*(np.concatenate([getattr(p, n) for p in points]) for n in names))
+    key, level = (np.concatenate([getattr(d, n) for d in darts]) for n in ("key", "level"))
+    return Darts(whole, key, level)
+
+
+def _shaped(
+    surface: Surface,
+    fields: Fields,
+    settings: GraphSettings,
+    darts: Darts,
+    kind: NDArray[np.int32],
+    millimetre: float,
+) -> Events:
+    """The events of darts, those that are too close to others left out."""
+    sizes = np.stack(
+        [unit_interval(w) for w in random4(darts.key, _SIZED, settings.start, kind)], axis=-1
+    ).astype(np.float64)
+    radius = millimetre * _between(kind, "radius", sizes[:, 0])
+    kept = _kept(darts, kind, radius)
+    # Of those that are left by place: nothing else about them is without an order.
+    kept = kept[np.lexsort(darts.points.position[kept].T)]
+    points, kind, sizes, radius = darts.points.take(kept), kind[kept], sizes[kept], radius[kept]
+    height = radius / millimetre * _between(kind, "steepness", sizes[:, 1])
+    weight = height / (EVENT_DEPTHS * SKIN.depth * depth_factor(settings.age))
+    weight = np.maximum(weight * fields.event_strength(points.triangle, points.uv), _LEAST_WEIGHT)
+    longer = 1.0 + (_of_kinds(kind, [e.longer for e in _KINDS]) - 1.0) * sizes[:, 2] ** 2
+    angle = _angles(surface, points, np.pi * sizes[:, 3])
+    metric, circle = pore_ellipses(surface, points.triangle, radius, angle, longer)
+    return Events(points, kind, weight.astype(np.float32), radius, metric, circle)
+
+
+def _kept(darts: Darts, kind: NDArray[np.int32], radius: FloatArray) -> IntArray:
+    """Darts that no earlier one is too close to: kinds in the order of _FIRST, and then by their
+    words."""
+    turn = [_FIRST.index(name) for name in EVENTS]
+    order = np.lexsort((darts.key, _of_kinds(kind, turn)))
+    pairs = cKDTree(darts.points.position).query_pairs(
+        2.0 * _APART * float(radius.max()), output_type="ndarray"
+    )
+    one, two = pairs.T
+    apart = np.linalg.norm(darts.points.position[one] - darts.points.position[two], axis=-1)
+    facing = (darts.points.normal[one] * darts.points.normal[two]).sum(-1) > 0
+    close = (apart < _APART * (radius[one] + radius[two])) & facing
+    others: dict[int, list[int]] = {}
+    for a, b in pairs[close].tolist():
+        others.setdefault(a, []).append(b)
+        others.setdefault(b, []).append(a)
+    kept = np.zeros(len(kind), np.bool_)
+    for dart in order.tolist():
+        kept[dart] = not any(kept[other] for other in others.get(dart, ()))
+    return np.flatnonzero(kept)
+
+
+def _angles(surface: Surface, points: Points, turn: FloatArray) -> FloatArray:
+    """(E,) angles as `pore_axes` has them, of axes that lie `turn` (E,) to the left of the level
+    direction on the surface."""
+    level = level_directions(points.normal.astype(np.float64))
+    beside = np.cross(points.normal, level)
+    axis = np.cos(turn)[:, None] * level + np.sin(turn)[:, None] * beside
+    along, other = surface.jacobian[points.triangle].transpose(2, 0, 1)
+    along = unit(along)
+    across = unit(other - along * (other * along).sum(-1)[:, None])
+    angle: FloatArray = np.arctan2((axis * across).sum(-1), (axis * along).sum(-1))
+    return angle
+
+
+def _between(kind: NDArray[np.int32], name: str, share: FloatArray) -> FloatArray:
+    """(E,) sizes between the least and the most of each kind, small ones more often than large
+    ones."""
+    ends = np.sort(np.abs([getattr(event, name) for event in _KINDS]), axis=1)[kind - 1]
+    found: FloatArray = ends[:, 0] * (ends[:, 1] / ends[:, 0]) ** share
+    return found
+
+
+def _of_kinds(kind: NDArray[np.int32], values: list[float] | list[int]) -> FloatArray:
+    found: FloatArray = np.array(values, np.float64)[kind - 1]
+    return found

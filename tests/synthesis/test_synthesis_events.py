@@ -1,0 +1,205 @@
+"""Events: where they are placed, and what they are in a graph."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from rhytid.device.runtime import Device
+from rhytid.domain.asset_settings import AssetSettings, GraphSettings
+from rhytid.domain.events import EVENT_NAMES, EVENTS
+from rhytid.domain.graph import ORIGINAL
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.skin import REGIONS
+from rhytid.formats.graphs import read_graph, write_graph
+from rhytid.synthesis.events import Events, events_of
+from rhytid.synthesis.generate import synthesize
+from rhytid.synthesis.painted_fields import fields_of
+from rhytid.synthesis.surface import Surface
+from synthesis.painted import painted, right
+from synthesis.sheets import places, sheet, tube, uneven
+
+# Of a sheet of side 1: it is 10 cm wide.
+SPACING = 0.005
+SETTINGS = GraphSettings(spacing=SPACING, events=2.0, region="cheek")
+
+
+def placed(mesh: Mesh, settings: GraphSettings = SETTINGS, controls=None, spacing=SPACING):
+    """The events of a mesh, and their places in its units."""
+    surface = Surface.of(mesh)
+    fields = fields_of(surface, settings, controls)
+    events = events_of(surface, fields, settings, spacing / surface.scale)
+    assert events is not None
+    return events, events.points.position * surface.scale
+
+
+def rows(events: Events, at: NDArray[np.float64]) -> set[tuple[float, ...]]:
+    """What events are and where, for comparison."""
+    values = np.column_stack([at, events.kind, events.weight])
+    return {tuple(row) for row in values.tolist()}
+
+
+def renumbered(mesh: Mesh) -> Mesh:
+    """The same mesh with its triangles and their corners in another order."""
+    rng = np.random.default_rng(4)
+    order = rng.permutation(len(mesh.faces))
+    turn = (np.arange(3) + rng.integers(0, 3, (len(order), 1))) % 3
+    faces, face_uv = (
+        np.take_along_axis(f[order], turn, axis=1) for f in (mesh.faces, mesh.face_uv)
+    )
+    return Mesh(mesh.positions, faces, mesh.uv, face_uv)
+
+
+def test_every_kind_occurs_and_none_without_events() -> None:
+    events, _ = placed(sheet(), replace(SETTINGS, events=4.0))
+    assert set(events.kind) == set(range(1, len(EVENTS) + 1))
+    surface = Surface.of(sheet())
+    settings = replace(SETTINGS, events=0.0)
+    assert events_of(surface, fields_of(surface, settings, None), settings, SPACING) is None
+
+
+@pytest.mark.parametrize("other", [renumbered(sheet()), sheet(uneven), renumbered(sheet(uneven))])
+def test_neither_the_uv_nor_the_order_of_triangles_counts(other: Mesh) -> None:
+    events, at = placed(sheet())
+    found, there = placed(other)
+    np.testing.assert_allclose(there, at, atol=1e-12)
+    np.testing.assert_array_equal(found.kind, events.kind)
+    np.testing.assert_array_equal(found.weight, events.weight)
+
+
+def test_a_power_of_two_changes_nothing() -> None:
+    events, at = placed(sheet())
+    large = replace(SETTINGS, spacing=4.0 * SPACING)
+    found, there = placed(sheet(scale=4.0), large, spacing=4.0 * SPACING)
+    np.testing.assert_array_equal(there, 4.0 * at)
+    for name in ("kind", "weight", "metric", "circle"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(events, name))
+
+
+def test_another_unit_changes_next_to_nothing() -> None:
+    events, at = placed(sheet())
+    large = replace(SETTINGS, spacing=10.0 * SPACING)
+    found, there = placed(sheet(scale=10.0), large, spacing=10.0 * SPACING)
+    apart, which = cKDTree(at).query(there / 10.0)
+    same = (apart < 1e-6) & (found.kind == events.kind[which])
+    assert same.mean() > 0.98
+    assert abs(len(found) - len(events)) <= 0.02 * len(events)
+
+
+def test_another_seed_places_others() -> None:
+    one, other = (rows(*placed(sheet(), replace(SETTINGS, seed=seed))) for seed in (1, 2))
+    assert not one & other
+
+
+def test_more_events_leave_most_where_they_are() -> None:
+    few, many = (rows(*placed(sheet(), replace(SETTINGS, events=n))) for n in (1.0, 2.0))
+    assert 1.6 * len(few) < len(many) < 2.4 * len(few)
+    assert len(few & many) > 0.93 * len(few)
+
+
+@pytest.mark.parametrize("region", sorted(REGIONS.keys() - {"lip"}))
+def test_there_are_as_many_as_the_table_says(region: str) -> None:
+    settings = replace(SETTINGS, events=4.0, region=region, age=50.0)
+    events, _ = placed(sheet(), settings)
+    for kind, name in enumerate(EVENT_NAMES, 1):
+        expected = 4.0 * 100.0 * EVENTS[name].rate(region, 50.0)
+        # Groups differ, and what is too close to others is left out.
+        slack = 4.0 * np.sqrt(expected) + 0.45 * expected * (EVENTS[name].groups > 0)
+        assert abs((events.kind == kind).sum() - 0.92 * expected) <= slack + 0.08 * expected
+
+
+def test_a_lip_has_none() -> None:
+    surface, settings = Surface.of(sheet()), replace(SETTINGS, events=4.0, region="lip")
+    assert events_of(surface, fields_of(surface, settings, None), settings, SPACING) is None
+
+
+def test_events_keep_their_distance() -> None:
+    events, at = placed(sheet(), replace(SETTINGS, events=4.0, region="nose"))
+    radius = events.radius * Surface.of(sheet()).scale
+    one, two = cKDTree(at).query_pairs(2.0 * radius.max(), output_type="ndarray").T
+    apart = np.linalg.norm(at[one] - at[two], axis=1)
+    assert (apart >= 0.8 * (radius[one] + radius[two]) - 1e-12).all()
+
+
+def test_painted_black_has_none_and_mid_grey_as_without() -> None:
+    whole = rows(*placed(sheet()))
+    events, at = placed(sheet(), controls=painted(events=right(0.0)))
+    assert events.points.uv[:, 0].max() < 0.52
+    mine = {row for row in whole if row[0] < 0.45}
+    assert mine == {row for row in rows(events, at) if row[0] < 0.45}
+    assert rows(*placed(sheet(), controls=painted(events=right(0.5)))) == whole
+
+
+def test_painted_white_is_double() -> None:
+    whole = len(placed(sheet())[0])
+    doubled = len(placed(sheet(), controls=painted(events=right(1.0, 1.0)))[0])
+    assert 1.6 * whole < doubled < 2.4 * whole
+
+
+def test_none_lies_on_bare_skin() -> None:
+    events, _ = placed(sheet(), controls=painted(density=right(0.0)))
+    assert events.points.uv[:, 0].max() < 0.52
+
+
+def test_young_skin_has_papules_and_old_skin_moles() -> None:
+    young, old = (placed(sheet(), replace(SETTINGS, events=4.0, age=a))[0] for a in (20.0, 65.0))
+    papule, mole = (EVENT_NAMES.index(name) + 1 for name in ("papule", "mole"))
+    assert (young.kind == papule).sum() > 3 * (old.kind == papule).sum()
+    assert (young.kind == mole).sum() <= (old.kind == mole).sum()
+
+
+def test_what_lies_over_a_mole_fades() -> None:
+    events, _ = placed(sheet())
+    surface, mole = Surface.of(sheet()), EVENT_NAMES.index("mole") + 1
+    bump = EVENT_NAMES.index("bump") + 1
+    factor = events.fading(surface, events.points.triangle, events.points.uv)
+    np.testing.assert_allclose(factor[events.kind == mole], 1.0 - EVENTS["mole"].fading, atol=1e-3)
+    assert (factor[events.kind == bump] == 1.0).mean() > 0.9
+
+
+def test_events_change_no_pore_and_no_line_but_where_they_fade(device: Device) -> None:
+    mesh, settings = sheet(), GraphSettings(wrinkles=6000, rank=0.0, patches=0.0)
+    without, graph = (
+        synthesize(mesh, replace(settings, events=n), device).graph for n in (0.0, 4.0)
+    )
+    assert without.node_kind is None
+    assert graph.node_kind is not None
+    pores = np.flatnonzero(graph.node_kind == 0)
+    np.testing.assert_array_equal(graph.node_uv[pores], without.node_uv)
+    np.testing.assert_array_equal(graph.edge_half_width, without.edge_half_width)
+    same = graph.edge_weight == without.edge_weight
+    assert 0.9 < same.mean() < 1.0
+    assert (graph.edge_weight[~same] < without.edge_weight[~same]).all()
+    assert graph.counts() == without.counts()
+
+
+def test_events_over_a_seam_are_copied(device: Device) -> None:
+    mesh, settings = tube(), GraphSettings(wrinkles=9000, events=4.0, rank=0.0, patches=0.0)
+    graph = synthesize(mesh, settings, device).graph
+    assert graph.node_kind is not None
+    assert graph.node_copy_of is not None
+    copies = np.flatnonzero((graph.node_kind > 0) & (graph.node_copy_of != ORIGINAL))
+    first = graph.node_copy_of[copies]
+    assert len(copies) > 0
+    np.testing.assert_array_equal(graph.node_kind[copies], graph.node_kind[first])
+    np.testing.assert_array_equal(graph.node_weight[copies], graph.node_weight[first])
+    at = places(Surface.of(mesh), graph)
+    assert np.linalg.norm(at[copies] - at[first], axis=1).max() < 0.2
+    assert sum(graph.event_counts().values()) == (graph.node_kind > 0).sum() - len(copies)
+
+
+def test_a_file_holds_the_kinds(device: Device) -> None:
+    settings = GraphSettings(wrinkles=3000, events=4.0, rank=0.0, patches=0.0)
+    graph = synthesize(sheet(), settings, device).graph
+    found = read_graph(write_graph(graph))
+    np.testing.assert_array_equal(found.node_kind, graph.node_kind)
+    assert found.event_counts() == graph.event_counts()
+
+
+def test_the_preset_paper_has_no_events() -> None:
+    assert AssetSettings.parse({"preset": "paper"}).graph.events == 0.0
+    assert AssetSettings.parse({}).graph.events == 1.0
