@@ -38,7 +38,7 @@ def mesh(small_mesh: SmallMesh) -> Mesh:
 def graph(mesh: Mesh, device: Device) -> WrinkleGraph:
     """Bent wrinkles, some of them over the seam, with copies of what reaches over it."""
     with device.task():
-        made = synthesize(mesh, GraphSettings(wrinkles=600, seed=3), device)
+        made = synthesize(mesh, GraphSettings(wrinkles=600, seed=3, patches=0.0), device)
     assert made.graph.edge_copy_of is not None
     return replace(made.graph, origin=GraphOrigin.of(mesh, "cm", made.lengths))
 
@@ -213,7 +213,8 @@ def test_graphs_with_the_required_arrays_alone_stay_plain(mesh: Mesh, graph: Wri
 def test_partners_and_grain_follow(mesh: Mesh, graph: WrinkleGraph) -> None:
     """A wrinkle that is gone is nobody's partner; the others still go on in each other."""
     grain = np.linspace(0, 4, graph.pores).astype(np.float32)
-    moved = transfer(replace(graph, node_grain=grain), mesh, cut_up(mesh)).graph
+    rough = replace(graph, node_grain=grain, node_patchiness=grain[::-1])
+    moved = transfer(rough, mesh, cut_up(mesh)).graph
 
     assert moved.edge_partners is not None
     assert graph.edge_partners is not None
@@ -224,6 +225,8 @@ def test_partners_and_grain_follow(mesh: Mesh, graph: WrinkleGraph) -> None:
     pores = np.flatnonzero(graph.own_nodes)
     assert moved.node_grain is not None
     assert np.array_equal(moved.node_grain[: len(pores)], grain[pores])
+    assert moved.node_patchiness is not None
+    assert np.array_equal(moved.node_patchiness[: len(pores)], grain[::-1][pores])
     copies = np.flatnonzero(~moved.own_nodes)
     assert moved.node_copy_of is not None
     assert len(copies)

@@ -28,7 +28,7 @@ LEAST_SIZE = 1e-9
 ORIGINAL = -1
 # The steepest end of an arc over its chord: what the drawing keeps its distances for (line.clh).
 STEEPEST = 0.8
-# The most of node_grain.
+# The most of node_grain and node_patchiness.
 MOST_GRAIN = 16.0
 MOST_SEED = 2**31 - 1
 # Rows checked at a time: what is computed on the way is in double.
@@ -44,6 +44,7 @@ _SHAPES: dict[str, tuple[tuple[int | None, ...], Any]] = {
     "node_metric": ((None, 3), _F32),
     "node_triangle": ((None,), np.int32),
     "node_grain": ((None,), _F32),
+    "node_patchiness": ((None,), _F32),
     "edge_triangle": ((None,), np.int32),
     "node_copy_of": ((None,), np.int32),
     "edge_copy_of": ((None,), np.int32),
@@ -71,6 +72,8 @@ class WrinkleGraph:
     the circle of node_radius: the rim is where dᵀ·metric·d = 1.
     node_triangle (N,), edge_triangle (M,) i32 or None: the triangle to sample; -1 = find it.
     node_grain (N,) f32 or None: factor of the grain around a pore, from 0 to MOST_GRAIN.
+    node_patchiness (N,) f32 or None: how far grain and undulation vary from patch to patch around a
+    pore, from 0 to MOST_GRAIN; 1 is usual, None is 0.
     node_copy_of (N,), edge_copy_of (M,) i32 or None: -1, or for what is stored again because it
     reaches over a UV seam, in the UV of the other side, the row of what it is a copy of. A copy
     answers to stretch as its original does, whatever triangle it names; it is the same pore or
@@ -110,6 +113,7 @@ class WrinkleGraph:
     edge_end_half_widths: NDArray[np.float32] | None = None
     edge_partners: NDArray[np.int32] | None = None
     node_grain: NDArray[np.float32] | None = None
+    node_patchiness: NDArray[np.float32] | None = None
     origin: GraphOrigin | None = None
 
     def __post_init__(self) -> None:
@@ -205,7 +209,8 @@ class WrinkleGraph:
         for name in ("node_triangle", "edge_triangle"):
             self._require(name, lambda index: index >= -1, "-1 or the index of a triangle")
         rule = f"from 0 to {MOST_GRAIN:g}"
-        self._require("node_grain", lambda grain: (grain >= 0) & (grain <= MOST_GRAIN), rule)
+        for name in ("node_grain", "node_patchiness"):
+            self._require(name, lambda factor: (factor >= 0) & (factor <= MOST_GRAIN), rule)
         rule = f"slopes within ±{STEEPEST:g}"
         self._require("edge_slopes", lambda slope: np.abs(slope) <= _F32(STEEPEST), rule)
         rule = f"-1 or the index of a wrinkle, at most {self.wrinkles - 1}"

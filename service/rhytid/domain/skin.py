@@ -52,7 +52,8 @@ class Region:
     the weights of pores.  turn: degrees by which lines turn left.  anisotropy: of how far lines
     keep to one direction.  bend: of how far lines wind.  scale: of the width of wrinkles.
     pore_radius: of the radius of pores.  contrast: power of the weights.  grain: of the micro
-    relief between lines.  old: what age makes of these.
+    relief between lines.  patchiness: how far patches of some millimetres differ.  old: what age
+    makes of these.
     """
 
     density: float = 1.0
@@ -65,6 +66,7 @@ class Region:
     pore_radius: float = 1.0
     contrast: float = 1.0
     grain: float = 1.0
+    patchiness: float = 1.0
     old: Old = Old()
 
 
@@ -79,6 +81,7 @@ REGIONS: dict[str, Region] = {
         bend=0.3,
         scale=1.2,
         pore_radius=0.9,
+        patchiness=2.0,
         old=Old(strength=1.2, contrast=1.3, grain=1.3),
     ),
     # Led by large pores; a fine net of rhombi without much of a direction, faint.
@@ -90,6 +93,7 @@ REGIONS: dict[str, Region] = {
         scale=0.85,
         pore_radius=1.35,
         grain=1.1,
+        patchiness=0.7,
         old=Old(strength=1.2, anisotropy=1.5, pore_radius=1.15, contrast=1.15, grain=1.3),
     ),
     # The largest pores of the face, close together; lines so faint that pores stand alone.
@@ -101,6 +105,7 @@ REGIONS: dict[str, Region] = {
         scale=0.7,
         pore_radius=1.7,
         grain=1.2,
+        patchiness=0.9,
         old=Old(strength=1.3, anisotropy=1.0, pore_strength=1.2, contrast=1.1, grain=1.8),
     ),
     # Furrows across the lip, upright and fine, joined by faint ones; next to no pores to see.
@@ -126,6 +131,7 @@ REGIONS: dict[str, Region] = {
         scale=0.85,
         pore_radius=0.5,
         grain=0.8,
+        patchiness=1.2,
         old=Old(strength=1.6, scale=1.2, contrast=1.5, grain=1.8),
     ),
     # A wide net of rhombi, longer than high, that age deepens as a whole; small pores.
@@ -137,6 +143,7 @@ REGIONS: dict[str, Region] = {
         scale=1.0,
         pore_radius=0.7,
         grain=1.2,
+        patchiness=2.4,
         old=Old(strength=2.1, anisotropy=1.1, contrast=1.0, grain=1.2),
     ),
 }

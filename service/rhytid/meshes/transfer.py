@@ -276,10 +276,13 @@ def _assembled(graph: WrinkleGraph, moved: _Moved, wrinkles: _Wrinkles) -> Wrink
     for name in _OPTIONAL:
         if getattr(graph, name) is None:
             del arrays[name]
-    if graph.node_grain is not None:
-        own = np.concatenate([graph.node_grain[source], graph.node_grain[source][owner]])
+    for name in ("node_grain", "node_patchiness"):
+        values = getattr(graph, name)
+        if values is None:
+            continue
+        own = np.concatenate([values[source], values[source][owner]])
         copies = arrays["node_copy_of"][len(own) :] if "node_copy_of" in arrays else own[:0]
-        arrays["node_grain"] = np.concatenate([own, own[copies.astype(np.int64)]])
+        arrays[name] = np.concatenate([own, own[copies.astype(np.int64)]])
     return WrinkleGraph(**arrays, origin=None)
 
 

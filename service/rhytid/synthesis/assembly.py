@@ -90,8 +90,13 @@ class GraphParts:
         }
         least = self.spacing * min(fields.least_spacing, _CLOSEST)
         arrays = with_copies(arrays, ground.surface, self.borders, least)
-        grain = fields.grain(pores.triangle, pores.uv)
-        return WrinkleGraph(**arrays, **_grain(arrays, grain, lines.owner), origin=None)
+        at = pores.triangle, pores.uv
+        for name, usual, field in (
+            ("node_grain", 1.0, fields.grain(*at)),
+            ("node_patchiness", 0.0, fields.patchiness(*at)),
+        ):
+            arrays |= _of_nodes(name, arrays, field, usual, lines.owner)
+        return WrinkleGraph(**arrays, origin=None)
 
     def _shapes_of_pores(
         self, strengths: NDArray[np.float32], progress: Progress
@@ -150,17 +155,24 @@ class GraphParts:
         return weight, factor, half_width, wide
 
 
-def _grain(arrays: Arrays, grain: NDArray[np.float32], owner: NDArray[np.integer]) -> Arrays:
-    """The array `node_grain` from the grain of the pores; no array where that is 1 throughout.
+def _of_nodes(
+    name: str,
+    arrays: Arrays,
+    values: NDArray[np.float32],
+    usual: float,
+    owner: NDArray[np.integer],
+) -> Arrays:
+    """The array `name` of all nodes from the values of the pores; no array where these are as usual
+    throughout.
 
     Nodes are ordered: pores, then ends of their wrinkles, then copies.
     """
-    if (grain == 1.0).all():
+    if (values == usual).all():
         return {}
-    found = np.concatenate([grain, grain[owner]])
+    found = np.concatenate([values, values[owner]])
     if len(found) < len(arrays["node_uv"]):
         found = np.concatenate([found, found[arrays["node_copy_of"][len(found) :]]])
-    return {"node_grain": found}
+    return {name: found}
 
 
 def _scale(weight: NDArray[np.float32], factor: NDArray[np.float32]) -> None:

@@ -35,8 +35,8 @@ from rhytid.pipeline.grain import (
     grain_codes,
     grain_gains,
     grain_place,
-    grain_shares,
     relief,
+    relief_shares,
     tiles_of_square,
 )
 from rhytid.pipeline.locate import UdimTriangles, locate_points
@@ -99,7 +99,7 @@ class FrameBench:
         )
         self._blend = Blend(device, settings, len(mesh.faces))
         self._convolve = Convolve(device, mesh)
-        shares = grain_shares(mesh, graph, pore)
+        shares = relief_shares(mesh, graph, pore)
         self._grains = Grains(device, mesh, self._located, settings, shares)
         self._bins: list[BinTile] = []
         self._neutral: list[NeutralTile] = []
@@ -312,8 +312,7 @@ class Grains:
         self._places: dict[Square, GrainPlace] = {}
         self._planes: GrainPlanes | None = None
         if relief(settings) > 0.0:
-            assert settings.shape.grain_size is not None
-            self._planes = GrainPlanes(device, mesh, settings.shape.grain_size, shares)
+            self._planes = GrainPlanes(device, mesh, settings, shares)
 
     def codes(self, squares: Sequence[Square]) -> list[Buffer] | None:
         """Return codes of tiles (row, column, texels per side) of level 0; None without grain."""

@@ -31,7 +31,7 @@ from rhytid.pipeline.elements import (
     pore_arrays,
     wrinkle_arrays,
 )
-from rhytid.pipeline.grain import grain_shares
+from rhytid.pipeline.grain import relief_shares
 from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.smooth import SmoothStage
 from rhytid.pipeline.stiffness import stiffness_of_elements
@@ -73,7 +73,7 @@ class DeviceMesh:
         self._blend: Blend | None = None
         self._pore_stiffness: NDArray[np.float32] | None = None
         self._wrinkle_stiffness: NDArray[np.float32] | None = None
-        self.grain_shares: NDArray[np.float32] | None = None
+        self.relief_shares: NDArray[np.float32] | None = None
         self.convolve = Convolve(device, mesh, stiffness)
         self.smooth_convolve = SmoothConvolve(device, mesh, self.smooth, stiffness)
         self.cache = DeviceCache(device.budget)
@@ -111,7 +111,7 @@ class DeviceMesh:
         pores, wrinkles = graph.node_uv, graph.centres()
         self.pore_triangle = self._find(pores, graph.node_triangle)
         self._wrinkle_triangle = self._find(wrinkles, graph.edge_triangle)
-        self.grain_shares = grain_shares(self.mesh, graph, self.pore_triangle)
+        self.relief_shares = relief_shares(self.mesh, graph, self.pore_triangle)
         of = partial(stiffness_of_elements, self.stiffness, self.mesh)
         self._pore_stiffness = of(pores, self.pore_triangle)
         self._wrinkle_stiffness = of(wrinkles, self._wrinkle_triangle)
