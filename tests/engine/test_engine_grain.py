@@ -11,9 +11,19 @@ from meshes import deform
 from pipeline.scenes import DEPTH, EDGE_BAND, random_graph, reference_stretch, settings_of, sheet
 from reference import drawing, locate
 from reference import grain as reference
+from reference import patches as patches_reference
 from reference.stretch import log_stretch
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Stiffness
+from rhytid.domain.patch_noise import (
+    DEVIATION,
+    GRAIN_SALT,
+    MOST_DEVIATION,
+    STRENGTH_SALT,
+    cell_size,
+    placement,
+    table,
+)
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
@@ -28,6 +38,8 @@ BARE = replace(
     node_weight=np.zeros_like(GRAPH.node_weight),
     edge_weight=np.zeros_like(GRAPH.edge_weight),
 )
+# Of even skin: factor of the grain and patchiness, at the corners of a triangle.
+EVEN = np.array([1, 1, 1, 1, 1, 1, 0, 0, 0], np.float32)
 GRAINY = {"grain": SHARE, "grain_size": SIZE}
 METHODS = ["neutral", "redraw", "convolved"]
 
@@ -102,11 +114,58 @@ def test_each_relief_is_as_rough_as_its_own_factor_of_pores_says(device, name):
     np.testing.assert_array_equal(one, other)
 
 
-def test_an_even_factor_of_1_changes_no_bit(device):
-    ones = np.ones(len(GRAPH.node_uv), np.float32)
-    lines = replace(GRAPH, node_grain=ones, node_undulation=ones)
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("salt", "octaves", "shape", "step"),
+    [
+        (GRAIN_SALT, reference.GRAIN, GRAINY, 1),
+        (
+            STRENGTH_SALT,
+            reference.UNDULATION,
+            {"grain": 0.0, "grain_size": SIZE, "undulation": SHARE, "undulation_size": SIZE},
+            2,
+        ),
+    ],
+)
+def test_grain_and_undulation_are_as_patchy_as_pores_say(device, salt, octaves, shape, step):
+    mesh, lines = sheet(n=6), random_graph(5, 400)
+    amount = np.random.default_rng(2).uniform(0.0, 3.5, len(lines.node_uv)).astype(np.float32)
+    none = {"edge_weight": 0 * lines.edge_weight, "node_weight": 0 * lines.node_weight}
+    lines = replace(lines, node_patchiness=amount, **none)
+    noise, sure, index = expected(mesh, octaves=octaves, step=step)
+    inside = np.maximum(index, 0)
+    points = drawing.crop(0, 0, SIDE, SIDE, SIDE).reshape(SIDE, SIDE, 2)[::step, ::step]
+    points = points.reshape(-1, 2)
+    asset = asset_of(device, mesh, lines, shape, unit="cm")
+    held = np.flatnonzero(asset.mesh.pore_triangle < len(mesh.faces))
+    share = reference.rough(
+        mesh.triangle_uv().astype(float), mesh.faces, points, inside,
+        asset.mesh.pore_triangle[held], amount[held].astype(float),
+    )  # fmt: skip
+    settings = asset.mesh.settings
+    corners, uv = mesh.positions[mesh.faces].astype(float)[inside], mesh.triangle_uv()[inside]
+    jacobian = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ np.linalg.inv(
+        np.swapaxes(uv[:, 1:] - uv[:, :1], 1, 2)
+    )
+    places = corners[:, 0] + np.einsum("pij,pj->pi", jacobian, points - uv[:, 0])
+    factor = patches_reference.factor(
+        places, cell_size(settings), table(), placement(settings.graph.start, salt), share,
+        DEVIATION, MOST_DEVIATION,
+    ).reshape(noise.shape)  # fmt: skip
+    wanted = np.clip(factor * noise, -128 * reference.STEP, 127 * reference.STEP)
+    there = (sure & (index >= 0)).reshape(noise.shape)
+    error = np.abs(noise_of(asset)[::step, ::step] - wanted)[there]
+    assert error.max() <= 0.51 * reference.STEP
+    assert factor[there].std() > 0.2
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("node_grain", 1.0), ("node_undulation", 1.0), ("node_patchiness", 0.0)]
+)
+def test_factors_of_even_skin_change_no_bit(device, name, value):
+    even = replace(GRAPH, **{name: np.full(len(GRAPH.node_uv), value, np.float32)})
     both = GRAINY | {"undulation": SHARE, "undulation_size": 0.5}
-    one, other = (drawn(asset_of(device, None, graph, both)) for graph in (lines, GRAPH))
+    one, other = (drawn(asset_of(device, None, graph, both)) for graph in (even, GRAPH))
     np.testing.assert_array_equal(one, other)
 
 
@@ -114,17 +173,21 @@ def test_what_no_pore_says_goes_on_from_where_one_does():
     mesh = sheet()
     lines = replace(GRAPH, node_grain=np.full(len(GRAPH.node_uv), 0.5, np.float32))
     triangle = np.full(len(GRAPH.node_uv), len(mesh.faces), np.int32)
-    np.testing.assert_array_equal(relief_shares(mesh, lines, triangle), 1.0)
+    even = np.tile(EVEN, (len(mesh.faces), 1))
+    np.testing.assert_array_equal(relief_shares(mesh, lines, triangle), even)
     triangle[0] = 0
     found = relief_shares(mesh, lines, triangle)
     np.testing.assert_array_equal(found[:, :3], 0.5)
-    np.testing.assert_array_equal(found[:, 3:], 1.0)
+    np.testing.assert_array_equal(found[:, 3:], even[:, 3:])
+    patchy = replace(lines, node_grain=None, node_patchiness=lines.node_grain)
+    found = relief_shares(mesh, patchy, triangle)
+    np.testing.assert_array_equal(found, even + 0.5 * (even == 0))
     triangle[1], lines.node_grain.flags.writeable = len(mesh.faces) - 1, True
     lines.node_grain[1] = 1.5
-    found = relief_shares(mesh, lines, triangle)
-    assert (found[0, :3] == 0.5).all()
-    assert (found[-1, :3] == 1.5).all()
-    assert len(np.unique(found[:, :3])) > 2  # between them a mean
+    found = relief_shares(mesh, lines, triangle)[:, :3]
+    assert (found[0] == 0.5).all()
+    assert (found[-1] == 1.5).all()
+    assert len(np.unique(found)) > 2  # between them a mean
     assert relief_shares(mesh, GRAPH, triangle) is None
 
 

@@ -38,7 +38,7 @@ def mesh(small_mesh: SmallMesh) -> Mesh:
 def graph(mesh: Mesh, device: Device) -> WrinkleGraph:
     """Bent wrinkles, some of them over the seam, with copies of what reaches over it."""
     with device.task():
-        made = synthesize(mesh, GraphSettings(wrinkles=600, seed=3), device)
+        made = synthesize(mesh, GraphSettings(wrinkles=600, seed=3, patches=0.0), device)
     assert made.graph.edge_copy_of is not None
     return replace(made.graph, origin=GraphOrigin.of(mesh, "cm", made.lengths))
 
@@ -214,7 +214,11 @@ def test_graphs_with_the_required_arrays_alone_stay_plain(mesh: Mesh, graph: Wri
 def test_partners_and_factors_of_nodes_follow(mesh: Mesh, graph: WrinkleGraph) -> None:
     """A wrinkle that is gone is nobody's partner; the others still go on in each other."""
     grain = np.linspace(0, 4, graph.pores).astype(np.float32)
-    factors = {"node_grain": grain, "node_undulation": 16 - grain}
+    factors = {
+        "node_grain": grain,
+        "node_undulation": 16 - grain,
+        "node_patchiness": grain[::-1],
+    }
     moved = transfer(replace(graph, **factors), mesh, cut_up(mesh)).graph
 
     assert moved.edge_partners is not None
@@ -228,6 +232,8 @@ def test_partners_and_factors_of_nodes_follow(mesh: Mesh, graph: WrinkleGraph) -
     assert moved.node_undulation is not None
     assert np.array_equal(moved.node_grain[: len(pores)], grain[pores])
     assert np.array_equal(moved.node_undulation, 16 - moved.node_grain)
+    assert moved.node_patchiness is not None
+    assert np.array_equal(moved.node_patchiness[: len(pores)], grain[::-1][pores])
     copies = np.flatnonzero(~moved.own_nodes)
     assert moved.node_copy_of is not None
     assert len(copies)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -25,6 +26,7 @@ from synthesis.painted import painted, right
 MESH = sheets.sheet()
 SURFACE = Surface.of(MESH)
 COUNT = 12_000
+EVEN = GraphSettings(wrinkles=COUNT, patches=0.0, events=0.0)
 # Root mean square log compression along x, right of the middle.
 SIZE = 0.12
 
@@ -39,9 +41,7 @@ def folds() -> Folds:
 
 @cache
 def grown(device: Device, age: float) -> Synthesis:
-    return synthesize(
-        MESH, GraphSettings(wrinkles=COUNT, age=age, events=0.0), device, folds=folds()
-    )
+    return synthesize(MESH, replace(EVEN, age=age), device, folds=folds())
 
 
 def places() -> tuple[np.ndarray, np.ndarray]:
@@ -57,8 +57,8 @@ def depths(made: Synthesis) -> dict[tuple[int, ...], float]:
 
 
 def test_at_35_skin_is_what_it_was(device: Device) -> None:
-    plain = synthesize(MESH, GraphSettings(wrinkles=COUNT), device).graph
-    at_35 = synthesize(MESH, GraphSettings(wrinkles=COUNT, age=35.0), device).graph
+    plain = synthesize(MESH, EVEN, device).graph
+    at_35 = synthesize(MESH, replace(EVEN, age=35.0), device).graph
     assert type(fields_of(SURFACE, GraphSettings(age=35.0), None)) is Fields
     for name, array in plain.arrays().items():
         np.testing.assert_array_equal(array, at_35.arrays()[name])

@@ -28,7 +28,8 @@ MEMORY = 1 << 32
 
 
 def grown(device: Device, controls: Controls | None = None, **settings: object) -> WrinkleGraph:
-    chosen = GraphSettings(**{"wrinkles": COUNT, "events": 0.0, **settings})  # type: ignore[arg-type]
+    even = {"wrinkles": COUNT, "patches": 0.0, "events": 0.0}
+    chosen = GraphSettings(**{**even, **settings})  # type: ignore[arg-type]
     return synthesize(MESH, chosen, device, controls=controls).graph
 
 
@@ -271,7 +272,7 @@ def test_parts_too_far_apart_for_the_lattice_are_refused_before_work(device: Dev
     )
     fit = refused(device, both, 20_000, "so far apart that float32")
     assert 100 < fit < 10_000
-    made = synthesize(both, GraphSettings(wrinkles=fit), device)
+    made = synthesize(both, GraphSettings(wrinkles=fit, patches=0.0), device)
     at = sheets.places(Surface.of(both), made.graph)
     nearest = cKDTree(at).query(at, k=2)[0][:, 1]
     assert nearest.std() < 0.12 * nearest.mean()

@@ -94,7 +94,7 @@ def test_few_expressions_say_little_of_what_they_leave_alone() -> None:
 @pytest.mark.slow
 def test_a_sheet_compressed_along_x_grows_lines_along_y(device: Device) -> None:
     folds = folded(0.0, where=lambda x, y: x > np.median(MESH.positions[:, 0]))
-    made = synthesize(MESH, GraphSettings(wrinkles=COUNT), device, folds=folds)
+    made = synthesize(MESH, GraphSettings(wrinkles=COUNT, patches=0.0), device, folds=folds)
     left, right_half = halves(MESH, made.graph)
     assert made.graph.wrinkles == COUNT
     assert right_half.axis == pytest.approx(90.0, abs=9.0)
@@ -108,7 +108,9 @@ def test_a_sheet_compressed_along_x_grows_lines_along_y(device: Device) -> None:
 def test_a_painted_direction_goes_before(device: Device) -> None:
     folds = folded(0.0)
     controls = painted(direction=right(30.0 / 180.0, 0.0))
-    made = synthesize(MESH, GraphSettings(wrinkles=COUNT), device, controls=controls, folds=folds)
+    made = synthesize(
+        MESH, GraphSettings(wrinkles=COUNT, patches=0.0), device, controls=controls, folds=folds
+    )
     left, right_half = halves(MESH, made.graph)
     assert left.axis == pytest.approx(90.0, abs=9.0)
     assert right_half.axis == pytest.approx(30.0, abs=9.0)
@@ -204,7 +206,7 @@ def test_a_painted_mask_goes_before_that_of_folds() -> None:
 def test_regions_of_folds_change_how_many_wrinkles_there_are(device: Device) -> None:
     on = (MESH.positions[:, 0] > 0.5).astype(np.float32)
     folds = Folds(folded(0.0, size=0.0).tensor, 0, {"lip": on})
-    made = synthesize(MESH, GraphSettings(wrinkles=COUNT), device, folds=folds)
+    made = synthesize(MESH, GraphSettings(wrinkles=COUNT, patches=0.0), device, folds=folds)
     left, right_half = halves(MESH, made.graph)
     assert made.graph.wrinkles == pytest.approx(COUNT * 1.3, rel=0.03)
     assert right_half.spacing == pytest.approx(left.spacing * 1.6**-0.5, rel=0.04)

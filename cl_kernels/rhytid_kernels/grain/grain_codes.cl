@@ -3,6 +3,7 @@
 // place do not carry is left out: all of it below two texels per wave, none from three on. What is left
 // is as high as means over texels are, so that coarse maps are as rough as the means of fine ones.
 #include "noise.clh"
+#include "patches.clh"
 
 // Turned from octave to octave, so that no cells lie along the axes of a face.
 inline float3 turned(float3 p)
@@ -59,24 +60,32 @@ inline float between_corners(float3 values, float2 uv, __global const float *c)
     return clamp(values.x + dot(share, values.yz - values.x), least, most);
 }
 
-// triangles: of each texel; `none` has no relief. corners: their UV, three per triangle. planes: of each
-// triangle, in units of the largest wavelength of the grain over CELLS: (x, y, z) of its first
+// triangles: of each texel; `none` has no relief. corners: their UV, three per triangle. planes: of
+// each triangle, in units of the largest wavelength of the grain over CELLS: (x, y, z) of its first
 // corner, dX/du, dX/dv, the most that a step in UV can be long; and at its corners the factor of the
-// grain, and of the undulation. Outside of a triangle its plane goes on. finer: the largest wavelength of the grain over that of the undulation.  shares: of the
-// grain and the undulation. Texel (row, column) of a map of `side` texels is the first; `width` a
-// row. codes: 32 for the root mean square. Within one code of the same in double.
+// grain, then that of the undulation, then the patchiness. Outside of a triangle its plane goes on.
+// finer: the largest wavelength of the grain over that of the undulation. shares: of the grain and
+// the undulation. table, patches, deviation: as in patches.clh, `patches` of the grain, then of the
+// undulation. Texel (row, column) of a map of `side` texels is the first; `width` a row. codes: 32 for
+// the root mean square. Within one code of the same in double.
 __kernel void grain_codes(__global const int *triangles, int none, __global const float *corners,
                           __global const float *planes, int width, int side, int row, int column,
-                          uint seed, float finer, float2 shares, __global char *codes)
+                          uint seed, float finer, float2 shares, __global const float *table,
+                          __global const float *patches, float2 deviation, __global char *codes)
 {
     int i = get_global_id(0), t = triangles[i];
     float sum = 0.0f;
     if (t != none) {
-        __global const float *plane = planes + 16 * t;
+        __global const float *plane = planes + 19 * t;
         float2 uv = (float2)(column + i % width + 0.5f, side - row - i / width - 0.5f) / (float)side;
         uv -= vload2(3 * t, corners);
         float3 p = vload3(0, plane) + uv.x * vload3(1, plane) + uv.y * vload3(2, plane);
         float texel = plane[9] / side;
+        float amount = between_corners(vload3(0, plane + 16), uv, corners + 6 * t);
+        if (amount > 0.0f) {
+            shares.x *= patch_factor(table, patches, p, amount, deviation);
+            shares.y *= patch_factor(table, patches + 12, p, amount, deviation);
+        }
         if (shares.x > 0.0f)
             sum += shares.x * between_corners(vload3(0, plane + 10), uv, corners + 6 * t) *
                    octaves(p, texel, GRAIN_OCTAVES, GRAIN_FINER, GRAIN_SHARES,

@@ -74,7 +74,9 @@ class ControlSkins:
         graph = settings.as_json()["graph"]
         key = json.dumps([graph, sample.name if masked else "", sample.grey if masked else 0])
         if key not in self._grown:
-            made = synthesize(self._mesh, settings.graph, self._device, controls=controls)
+            made = synthesize(
+                self._mesh, settings.graph, self._device, controls=controls, unit=self._unit
+            )
             self._grown[key] = made
         return self._grown[key]
 

@@ -29,7 +29,7 @@ LEAST_SIZE = 1e-9
 ORIGINAL = -1
 # The steepest end of an arc over its chord: what the drawing keeps its distances for (line.clh).
 STEEPEST = 0.8
-# The most of node_grain and node_undulation.
+# The most of node_grain, node_undulation and node_patchiness.
 MOST_GRAIN = 16.0
 MOST_SEED = 2**31 - 1
 # Rows checked at a time: what is computed on the way is in double.
@@ -46,6 +46,7 @@ _SHAPES: dict[str, tuple[tuple[int | None, ...], Any]] = {
     "node_triangle": ((None,), np.int32),
     "node_grain": ((None,), _F32),
     "node_undulation": ((None,), _F32),
+    "node_patchiness": ((None,), _F32),
     "edge_triangle": ((None,), np.int32),
     "node_copy_of": ((None,), np.int32),
     "edge_copy_of": ((None,), np.int32),
@@ -75,6 +76,8 @@ class WrinkleGraph:
     node_triangle (N,), edge_triangle (M,) i32 or None: the triangle to sample; -1 = find it.
     node_grain, node_undulation (N,) f32 or None: factor of the grain, and of the undulation, around
     a pore, from 0 to MOST_GRAIN.
+    node_patchiness (N,) f32 or None: how far grain and undulation vary from patch to patch around a
+    pore, from 0 to MOST_GRAIN; 1 is usual, None is 0.
     node_kind (N,) i32 or None: 0 for a pore, above it an event: the number of its kind in EVENTS,
     counted from 1; its strength is its height, see EVENT_DEPTHS. None: all are pores.
     node_copy_of (N,), edge_copy_of (M,) i32 or None: -1, or for what is stored again because it
@@ -117,6 +120,7 @@ class WrinkleGraph:
     edge_partners: NDArray[np.int32] | None = None
     node_grain: NDArray[np.float32] | None = None
     node_undulation: NDArray[np.float32] | None = None
+    node_patchiness: NDArray[np.float32] | None = None
     node_kind: NDArray[np.int32] | None = None
     origin: GraphOrigin | None = None
 
@@ -242,7 +246,7 @@ class WrinkleGraph:
         for name in ("node_triangle", "edge_triangle"):
             self._require(name, lambda index: index >= -1, "-1 or the index of a triangle")
         rule = f"from 0 to {MOST_GRAIN:g}"
-        for name in ("node_grain", "node_undulation"):
+        for name in ("node_grain", "node_undulation", "node_patchiness"):
             self._require(name, lambda share: (share >= 0) & (share <= MOST_GRAIN), rule)
         rule = f"from 0 to {MOST_KIND}"
         self._require("node_kind", lambda kind: (kind >= 0) & (kind <= MOST_KIND), rule)

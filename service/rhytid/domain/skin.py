@@ -55,8 +55,8 @@ class Region:
     keep to one direction.  bend: of how far lines wind.  scale: of the width of wrinkles.
     pore_radius: of the radius of pores.  contrast: power of the weights.  grain: of the micro
     relief between lines.  undulation: of the broad swells.  folded: power of what folds make of the
-    strength of lines, primary ones too: below 1 skin that folds is smoother at rest.  old: what age
-    makes of these.
+    strength of lines, primary ones too: below 1 skin that folds is smoother at rest.  patchiness:
+    how far patches of some millimetres differ.  old: what age makes of these.
     """
 
     density: float = 1.0
@@ -71,6 +71,7 @@ class Region:
     grain: float = 1.0
     undulation: float = 1.0
     folded: float = 1.0
+    patchiness: float = 1.0
     old: Old = Old()
 
 
@@ -86,6 +87,7 @@ REGIONS: dict[str, Region] = {
         scale=1.2,
         pore_radius=0.9,
         undulation=1.3,
+        patchiness=2.0,
         old=Old(strength=1.2, contrast=1.3, grain=1.3),
     ),
     # Led by large pores; a fine net of rhombi without much of a direction, faint.
@@ -98,6 +100,7 @@ REGIONS: dict[str, Region] = {
         pore_radius=1.35,
         grain=1.1,
         undulation=1.1,
+        patchiness=0.7,
         old=Old(strength=1.2, anisotropy=1.5, pore_radius=1.15, contrast=1.15, grain=1.3),
     ),
     # The largest pores of the face, close together; lines so faint that pores stand alone.
@@ -110,6 +113,7 @@ REGIONS: dict[str, Region] = {
         pore_radius=1.7,
         grain=1.2,
         undulation=1.5,
+        patchiness=0.9,
         old=Old(strength=1.3, anisotropy=1.0, pore_strength=1.2, contrast=1.1, grain=1.8),
     ),
     # Furrows across the lip, upright and deep, joined by faint ones; next to no pores to see.
@@ -136,6 +140,7 @@ REGIONS: dict[str, Region] = {
         scale=0.85,
         pore_radius=0.5,
         grain=0.8,
+        patchiness=1.2,
         old=Old(strength=1.6, scale=1.2, contrast=1.5, grain=1.8),
     ),
     # A wide net of rhombi, longer than high, that age deepens as a whole; small pores.
@@ -148,6 +153,7 @@ REGIONS: dict[str, Region] = {
         pore_radius=0.7,
         grain=1.2,
         undulation=1.6,
+        patchiness=2.4,
         old=Old(strength=2.1, anisotropy=1.1, contrast=1.0, grain=1.2),
     ),
     # Around the lips, and the chin: short slants, soft and broad, between pores of medium size. The
@@ -162,6 +168,7 @@ REGIONS: dict[str, Region] = {
         grain=1.2,
         undulation=1.5,
         folded=0.35,
+        patchiness=1.2,
         old=Old(strength=1.6, anisotropy=1.3, contrast=1.2, grain=1.4),
     ),
 }

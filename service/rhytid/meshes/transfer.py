@@ -278,7 +278,7 @@ def _assembled(graph: WrinkleGraph, moved: _Moved, wrinkles: _Wrinkles) -> Wrink
     for name in _OPTIONAL:
         if getattr(graph, name) is None:
             del arrays[name]
-    for name in ("node_grain", "node_undulation"):
+    for name in ("node_grain", "node_undulation", "node_patchiness"):
         factor = getattr(graph, name)
         if factor is None:
             continue

@@ -20,6 +20,16 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Stiffness
+from rhytid.domain.patch_noise import CELLS as PATCH_CELLS
+from rhytid.domain.patch_noise import (
+    DEVIATION,
+    GRAIN_SALT,
+    MOST_DEVIATION,
+    STRENGTH_SALT,
+    cell_size,
+    placement,
+    table,
+)
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.reach import response_defines
 from rhytid.pipeline.smooth import SmoothFields
@@ -33,6 +43,8 @@ CELLS = 2.0
 GRAIN = "grain"
 # Codes for the root mean square of the noise where texels carry all of it.
 CODES = 32.0
+# Of even skin, at the corners of a triangle: factor of the grain, patchiness.
+_EVEN = np.array([1.0] * 6 + [0.0] * 3, np.float32)
 # How many edges from a pore on its value is carried over vertices without any; beyond, the mean.
 _CARRIED = 64
 
@@ -60,21 +72,39 @@ class GrainPlanes(BufferGroup):
     """Where in space the texels of each triangle are, in cells of the noise, and how rough they
     are.
 
-    size: the largest wavelength, mesh units.  shares: the result of `relief_shares`; None: 1
-    throughout.
+    settings: resolved.  shares: the result of `relief_shares`; None: even skin.
+    middle: (3,) of the mesh, where the noise begins.  cell: of the noise, mesh units.  table: the
+    noise of patches, None on even skin.
     """
 
     def __init__(
-        self, device: Device, mesh: Mesh, size: float, shares: NDArray[np.float32] | None = None
+        self,
+        device: Device,
+        mesh: Mesh,
+        settings: AssetSettings,
+        shares: NDArray[np.float32] | None = None,
     ) -> None:
-        planes = _planes(mesh, size / CELLS)
+        assert settings.shape.grain_size is not None
+        self.middle, self.cell = _middle(mesh), settings.shape.grain_size / CELLS
+        planes = _planes(mesh, self.middle, self.cell)
         if shares is None:
-            shares = np.ones((len(planes), 6), np.float32)
+            shares = np.tile(_EVEN, (len(planes), 1))
         self.values = device.upload(np.concatenate([planes, shares], axis=1))
+        self.table = device.upload(table()) if shares[:, 6:].any() else None
 
     @property
-    def _buffers(self) -> tuple[Buffer, ...]:
-        return (self.values,)
+    def _buffers(self) -> tuple[Buffer | None, ...]:
+        return self.values, self.table
+
+    def patches(self, settings: AssetSettings) -> NDArray[np.float32]:
+        """(2, 3, 4) where in the table of patches places of the planes are, of the grain and of the
+        undulation: rows as of `placement`."""
+        cell = cell_size(settings)
+        seed = settings.graph.start
+        found = np.array([placement(seed, salt) for salt in (GRAIN_SALT, STRENGTH_SALT)])
+        found[..., 3] += found[..., :3] @ (self.middle / cell)
+        found[..., :3] *= self.cell / cell
+        return found.astype(np.float32)
 
 
 def grain_codes(
@@ -88,13 +118,17 @@ def grain_codes(
     row, column, side = square
     triangles = located.texels(settings.resolution, row, column, side)
     codes = device.empty(side * side, np.int8)
+    patches = device.upload(planes.patches(settings))
     device.launch(
         "grain_codes", "grain_codes", (side * side,),
         triangles, located.none, located.corners, planes.values, np.int32(side),
         np.int32(settings.resolution), np.int32(row), np.int32(column),
-        np.uint32(settings.graph.start), *_shares(settings), codes,
+        np.uint32(settings.graph.start), *_shares(settings), planes.table, patches,
+        np.array([DEVIATION, MOST_DEVIATION], np.float32), codes,
+        defines={"PATCH_CELLS": PATCH_CELLS},
     )  # fmt: skip
     device.finish()
+    patches.release()
     triangles.release()
     return codes
 
@@ -211,12 +245,18 @@ class Grain:
         )  # fmt: skip
 
 
-def _planes(mesh: Mesh, size: float) -> NDArray[np.float32]:
+def _middle(mesh: Mesh) -> NDArray[np.float64]:
+    """(3,) the middle of the box around a mesh."""
+    places = mesh.positions.astype(np.float64)
+    middle: NDArray[np.float64] = 0.5 * (places.min(axis=0) + places.max(axis=0))
+    return middle
+
+
+def _planes(mesh: Mesh, middle: NDArray[np.float64], size: float) -> NDArray[np.float32]:
     """(F, 10): of each triangle the place of its first corner from the middle of the mesh, ∂X/∂u,
     ∂X/∂v, and the longest step of a unit of UV, all over `size`; 0 where it has no area in UV."""
     used = np.flatnonzero(mesh.triangles_with_uv())
     places = mesh.positions.astype(np.float64)
-    middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
     uv, corners = mesh.triangle_uv()[used], (places[mesh.faces[used]] - middle) / size
     edges, edges_uv = (np.swapaxes(c[:, 1:] - c[:, :1], 1, 2) for c in (corners, uv))
     jacobians = edges @ np.linalg.inv(edges_uv)
@@ -230,29 +270,28 @@ def _planes(mesh: Mesh, size: float) -> NDArray[np.float32]:
 def relief_shares(
     mesh: Mesh, graph: WrinkleGraph, triangle: NDArray[np.integer]
 ) -> NDArray[np.float32] | None:
-    """(F, 6) factor of the grain at the corners of each triangle, then that of the undulation; None
-    where the graph has neither.
+    """(F, 9) at the corners of each triangle, three each, the factors of the grain and of the
+    undulation, and the patchiness; None where the graph has none of them.
 
     triangle: (N,) of each node, F for none. A vertex takes the mean of the pores on its triangles,
     so that there is no step at seams or edges; where there are none, that of its neighbours.
     """
-    if graph.node_grain is None and graph.node_undulation is None:
+    given = graph.node_grain, graph.node_undulation, graph.node_patchiness
+    if all(values is None for values in given):
         return None
-    of_nodes = graph.node_grain, graph.node_undulation
-    return np.concatenate([_shares_at(mesh, graph, one, triangle) for one in of_nodes], axis=1)
-
-
-def _shares_at(
-    mesh: Mesh,
-    graph: WrinkleGraph,
-    of_nodes: NDArray[np.float32] | None,
-    triangle: NDArray[np.integer],
-) -> NDArray[np.float32]:
-    """(F, 3) a factor at the corners of each triangle, 1 without one of the nodes."""
-    if of_nodes is None:
-        return np.ones((len(mesh.faces), 3), np.float32)
     own = np.flatnonzero(graph.own_nodes & (triangle >= 0) & (triangle < len(mesh.faces)))
-    vertices, values = mesh.faces[triangle[own]], of_nodes[own].astype(np.float64)
+    found = np.tile(_EVEN, (len(mesh.faces), 1))
+    for first, values in zip((0, 3, 6), given, strict=True):
+        if values is not None:
+            found[:, first : first + 3] = _at_corners(mesh, triangle[own], values[own])
+    return found
+
+
+def _at_corners(
+    mesh: Mesh, triangle: NDArray[np.integer], given: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """(F, 3) values at the corners of triangles from those of pores (N,)."""
+    vertices, values = mesh.faces[triangle], given.astype(np.float64)
     total, count = (
         np.bincount(vertices.ravel(), weights, len(mesh.positions)).astype(np.float64)
         for weights in (np.repeat(values, 3), None)

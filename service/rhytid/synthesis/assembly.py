@@ -23,6 +23,8 @@ from rhytid.synthesis.shapes import pore_axes, pore_ellipses
 from rhytid.synthesis.surface import Points, Surface
 
 _LEAST_WEIGHT = 1e-4
+# What nodes have around them where a graph has no array of it.
+_USUAL = {"node_grain": 1.0, "node_undulation": 1.0, "node_patchiness": 0.0}
 # Seams are looked at as closely as painted density can ask for: were it as closely as it does, what
 # is painted in one place would move copies at all seams.
 _CLOSEST = 8.0**-0.5
@@ -101,14 +103,14 @@ class GraphParts:
     def _beside(self) -> dict[str, NDArray[np.float32]]:
         """Factors of nodes by name: of pores, of nodes beyond a border, then of events."""
         found = {}
-        for name in ("grain", "undulation"):
-            factor = getattr(self.ground.fields, name)
+        for name in _USUAL:
+            factor = getattr(self.ground.fields, name.removeprefix("node_"))
             every = factor(self.pores.triangle, self.pores.uv)
             every = np.concatenate([every, every[self.lines.owner]])
             if self.events is not None:
                 at = self.events.points
                 every = np.concatenate([every, factor(at.triangle, at.uv)])
-            found[f"node_{name}"] = every
+            found[name] = every
         return found
 
     def _shapes_of_pores(
@@ -173,11 +175,11 @@ class GraphParts:
 
 
 def _of_nodes(arrays: Arrays, every: dict[str, NDArray[np.float32]]) -> Arrays:
-    """Factors of all nodes from those of nodes that are no copies, by name; none where that is 1
-    throughout."""
+    """Factors of all nodes from those of nodes that are no copies, by name; none where these
+    are as usual throughout."""
     found = {}
     for name, factor in every.items():
-        if (factor == 1.0).all():
+        if (factor == _USUAL[name]).all():
             continue
         if len(factor) < len(arrays["node_uv"]):
             copied = arrays["node_copy_of"][len(factor) :]

@@ -46,6 +46,11 @@ class Fields:
     usual_pore_radius = 1.0
     most_events = 1.0
 
+    @property
+    def unpatched(self) -> Fields:
+        """These without patches: by them pores and wrinkles are counted."""
+        return self
+
     def spacing(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the distance between pores."""
         return np.ones(len(triangle), np.float32)
@@ -95,6 +100,10 @@ class Fields:
     def undulation(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the broad swells of the skin."""
         return np.ones(len(triangle), np.float32)
+
+    def patchiness(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin varies from patch to patch; 0 for even skin."""
+        return np.zeros(len(triangle), np.float32)
 
     def pore_radius(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the radius of pores."""

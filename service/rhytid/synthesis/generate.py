@@ -24,6 +24,7 @@ from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.incidence import independent_set
 from rhytid.synthesis.lines import draw
 from rhytid.synthesis.painted_fields import fields_of
+from rhytid.synthesis.patches import Patches
 from rhytid.synthesis.pore_density import (
     EDGES_PER_PORE,
     SPACING,
@@ -77,6 +78,7 @@ def synthesize(
     call: Caller = directly,
     controls: Controls | None = None,
     folds: Folds | None = None,
+    unit: str | None = None,
 ) -> Synthesis:
     """Grow a wrinkle graph on a mesh, after Weiss et al. 2023.
 
@@ -91,8 +93,9 @@ def synthesize(
 
     progress(fraction, stage): called often; may raise CancelledError.  fields: properties of the
     skin by place, in place of those of settings, controls and folds.  folds: where the face folds;
-    lines run across the folds, without them around the vertical axis.  call: runs each step in a
-    task of the device.
+    lines run across the folds, without them around the vertical axis.  unit: of the mesh, for
+    lengths in millimetres; without it these follow from the spacing of pores.  call: runs each step
+    in a task of the device.
     Raises MeshError where the mesh has no room for pores, or its UV has none for the wrinkles;
     InputError and LimitError as `wrinkles_in_all` does.
     """
@@ -100,9 +103,10 @@ def synthesize(
     report(0.0, "pores")
     surface, across = Surface.of(mesh), neighbours(mesh)
     folding = None if folds is None else FoldField(mesh, surface, folds, settings.age)
-    plain = fields_of(surface, settings, None, folding)
+    patches = Patches.of(surface, settings, unit)
+    plain = fields_of(surface, settings, None, folding, patches)
     uneven = fields is not None or (controls is not None and controls.grow)
-    fields = fields or fields_of(surface, settings, controls, folding)
+    fields = fields or fields_of(surface, settings, controls, folding, patches)
     wrinkles_in_all(surface, settings, fields, device.budget.limit)
     with Workspace(device, call) as work:
         ground = Ground(work, surface, across, fields)

@@ -25,6 +25,7 @@ from rhytid.domain.skin import USUAL_AGE, Region, aged, regions
 from rhytid.domain.tiles import udim_origin
 from rhytid.synthesis.fields import Factors, Fields, level_directions
 from rhytid.synthesis.fold_field import FoldField, Planes
+from rhytid.synthesis.patches import Patches
 from rhytid.synthesis.progress import row_blocks
 from rhytid.synthesis.surface import FloatArray, Surface, unit
 
@@ -35,6 +36,8 @@ BARE = 0.25
 _PAINTED_BEND = 0.3
 # The same about those of folds.
 _FOLDED_BEND = 0.3
+# How far directions of folds sway from patch to patch, of what others do.
+_FOLDED_SWAY = 0.5
 # How much more anisotropy counts where a direction is painted.
 _PAINTED_HOLD = 1.0
 _FACTORS = ("density", "strength", "anisotropy", "scale", "pore_radius")
@@ -48,15 +51,16 @@ def fields_of(
     settings: GraphSettings,
     controls: Controls | None,
     folds: FoldField | None = None,
+    patches: Patches | None = None,
 ) -> Fields:
-    """The fields of a surface; even skin without settings, maps and folds."""
+    """The fields of a surface; even skin without settings, maps, folds and patches."""
     plain = GraphSettings()
     even = all(
         getattr(settings, n) == getattr(plain, n) for n in ("region", "age", "turn", *_FACTORS[1:])
     )
-    if controls is None and folds is None and even:
+    if controls is None and folds is None and patches is None and even:
         return Fields()
-    return PaintedFields(surface, settings, controls or Controls({}), folds)
+    return PaintedFields(surface, settings, controls or Controls({}), folds, patches)
 
 
 class PaintedFields(Fields):
@@ -65,7 +69,8 @@ class PaintedFields(Fields):
     Factors of a setting, of the region, of a map and of folds are multiplied; painted values
     override folds, the more the farther they are from mid grey. Where pores are closer, lines and
     pores are as much smaller and shallower. `density` of the settings is not a field: it makes more
-    wrinkles everywhere.
+    wrinkles everywhere. Factors of patches come last, but for directions: painted ones override
+    their sway.
     """
 
     def __init__(
@@ -74,8 +79,10 @@ class PaintedFields(Fields):
         settings: GraphSettings,
         controls: Controls,
         folds: FoldField | None = None,
+        patches: Patches | None = None,
     ) -> None:
         self._surface, self._settings, self._folds = surface, settings, folds
+        self._controls, self._patches = controls, patches
         known = regions(settings.anatomy)
         self._skin = {name: aged(region, settings.age) for name, region in known.items()}
         self.some_contrast = settings.age != USUAL_AGE
@@ -100,17 +107,47 @@ class PaintedFields(Fields):
         details = [lookup.detail for lookup in shaping]
         if folds is not None and self._masks:
             details.append(folds.detail)
+        if patches is not None:
+            details.append(patches.detail)
         self.detail = min(details, default=float("inf"))
         base = known[settings.region]
         self.usual_pore_radius = settings.pore_radius * base.pore_radius * base.density**-0.5
 
+    @property
+    def unpatched(self) -> Fields:
+        """These without patches."""
+        if self._patches is None:
+            return self
+        return fields_of(self._surface, self._settings, self._controls, self._folds)
+
     def spacing(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the distance between pores."""
+        return self._spacing_of(self._patched(self._density(triangle, uv), "density", triangle, uv))
+
+    def _density(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of pores by area, without patches."""
         density = self._region("density", triangle, uv)
         if "density" in self._maps:
             density *= density_of(self._maps["density"].at(triangle, uv))
+        return density
+
+    def _shallowness(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of depth by how close pores are, without patches, so that these keep the mean."""
+        spacing = self._spacing_of(self._density(triangle, uv))
+        found: Factors = np.minimum(spacing, np.float32(1.0))
+        return found
+
+    def _spacing_of(self, density: Factors) -> Factors:
         found: Factors = np.clip(density, *_DENSITY) ** np.float32(-0.5)
         return found
+
+    def _patched(
+        self, factor: Factors, name: str, triangle: NDArray[Any], uv: NDArray[Any]
+    ) -> Factors:
+        """A factor (N,), multiplied in place by that of patches."""
+        if self._patches is not None:
+            factor *= self._patches.factor(name, self.patchiness(triangle, uv), triangle, uv)
+        return factor
 
     def bare(self, triangle: NDArray[Any], uv: NDArray[Any]) -> NDArray[np.bool_]:
         """Whether the density map asks for less than BARE of the usual density."""
@@ -122,16 +159,17 @@ class PaintedFields(Fields):
     def strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the weight of wrinkles; painted black is nothing, white is double."""
         factor = self._linear("strength", triangle, uv)
-        factor *= np.minimum(self.spacing(triangle, uv), np.float32(1.0))
-        return factor
+        factor *= self._shallowness(triangle, uv)
+        return self._patched(factor, "strength", triangle, uv)
 
     def pore_strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the weight of pores: that of wrinkles without folds, times that of the
         region."""
         factor = self._linear("strength", triangle, uv, folded=False)
-        factor *= np.minimum(self.spacing(triangle, uv), np.float32(1.0))
+        factor *= self._shallowness(triangle, uv)
         factor *= self._region("pore_strength", triangle, uv)
-        return factor
+        factor = self._patched(factor, "beside_lines", triangle, uv)
+        return self._patched(factor, "pores", triangle, uv)
 
     def contrast(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Power of the weight of wrinkles: of the regions, by age."""
@@ -148,10 +186,13 @@ class PaintedFields(Fields):
 
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians to the left from the level direction. Painted directions, then folds, take the
-        place of the preferred direction and of the turn of a region."""
+        place of the preferred direction and of the turn of a region; patches sway about it, about
+        folds less."""
         found = np.radians(self._region("turn", triangle, uv))
         if self._folds is not None:
             found = self._folds.blended_with(found, triangle, uv)
+        if self._patches is not None:
+            found += self._patches.turn(self._sway(triangle, uv), triangle, uv)
         if self._directions is not None:
             for rows in row_blocks(len(triangle)):
                 found[rows] = self._directions.blended_with(found[rows], triangle[rows], uv[rows])
@@ -159,6 +200,14 @@ class PaintedFields(Fields):
         if "turn" in self._maps:
             found += np.float32(0.5 * np.pi) * signed(self._maps["turn"].at(triangle, uv))
         return found
+
+    def _sway(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """The patchiness of directions."""
+        amount = self.patchiness(triangle, uv)
+        if self._folds is not None:
+            certainty = self._folds.factor("certainty", triangle, uv)
+            amount *= 1.0 - np.float32(1.0 - _FOLDED_SWAY) * certainty
+        return amount
 
     def bend(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of how far lines wind: less about folds and painted directions."""
@@ -190,7 +239,8 @@ class PaintedFields(Fields):
 
     def pore_radius(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the radius of pores: painted a quarter to four times, and as the spacing."""
-        return self._sized("pore_radius", triangle, uv)
+        factor = self._sized("pore_radius", triangle, uv)
+        return self._patched(factor, "pore_radius", triangle, uv)
 
     def grain(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the micro relief: of the regions, by age. No map changes it."""
@@ -230,6 +280,14 @@ class PaintedFields(Fields):
             return super().event_strength(triangle, uv)
         dark = np.minimum(signed(self._maps["strength"].at(triangle, uv)), np.float32(0.0))
         return np.asarray(np.float32(1.0) + dark)
+
+    def patchiness(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin varies from patch to patch: of the regions, times that of the settings."""
+        if self._patches is None:
+            return super().patchiness(triangle, uv)
+        found = self._region("patchiness", triangle, uv)
+        found *= np.float32(self._settings.patches)
+        return found
 
     def _linear(
         self, name: str, triangle: NDArray[Any], uv: NDArray[Any], *, folded: bool = True
@@ -306,6 +364,10 @@ class PaintedFields(Fields):
         if "density" in self._maps:
             most = float(density_of(np.float32(self._maps["density"].most)))
             low, high = low * max(self._darkest(), BARE), high * most
+        if self._patches is not None:
+            patchiness = max(self._skin[name].patchiness for name in self._names_of_regions())
+            bounds = self._patches.bounds("density", patchiness * self._settings.patches)
+            low, high = low * bounds[0], high * bounds[1]
         # Nothing is to be cut off, whatever else is painted.
         slack = 1e-6 if (low, high) != (1.0, 1.0) else 0.0
         low, high = np.clip([low * (1.0 - slack), high * (1.0 + slack)], *_DENSITY)

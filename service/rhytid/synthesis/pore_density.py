@@ -80,7 +80,8 @@ def spacings(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> NDArra
 
 def effective_area(surface: Surface, fields: Fields) -> float:
     """The area of even skin that would hold as many pores as the surface does: its area that is not
-    bare, each place over its squared spacing factor."""
+    bare, each place over its squared spacing factor. Patches are 1 in the mean and do not count."""
+    fields = fields.unpatched
     carriers = np.flatnonzero(surface.carries)
     mean = relative_densities(
         surface, fields, carriers, _cuts(surface.uv[carriers], fields.detail)

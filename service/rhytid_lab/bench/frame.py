@@ -312,8 +312,7 @@ class Grains:
         self._places: dict[Square, GrainPlace] = {}
         self._planes: GrainPlanes | None = None
         if relief(settings) > 0.0:
-            assert settings.shape.grain_size is not None
-            self._planes = GrainPlanes(device, mesh, settings.shape.grain_size, shares)
+            self._planes = GrainPlanes(device, mesh, settings, shares)
 
     def codes(self, squares: Sequence[Square]) -> list[Buffer] | None:
         """Return codes of tiles (row, column, texels per side) of level 0; None without grain."""

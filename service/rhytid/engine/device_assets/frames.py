@@ -202,9 +202,8 @@ class DeviceGrain:
         return Grain(base.device, base.settings, base.located[udim], stretch, gains, fields)
 
     def _planes(self) -> GrainPlanes:
-        base, size = self._base, self._base.settings.shape.grain_size
-        assert size is not None
-        make = partial(GrainPlanes, base.device, base.mesh, size, base.relief_shares)
+        base = self._base
+        make = partial(GrainPlanes, base.device, base.mesh, base.settings, base.relief_shares)
         return base.cache.keep("planes", make=make)
 
     def _place(self, udim: int, row: int, column: int) -> GrainPlace:

@@ -1,0 +1,151 @@
+"""Patches of skin: smooth random factors of its properties, over millimetres of the surface.
+
+Skin is nowhere even: quiet patches lie beside lively ones, larger pores come in groups, and
+directions sway. A value depends on nothing but its place, so that seams do not show and what is
+painted elsewhere is of no account.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.asset_settings import GraphSettings
+from rhytid.domain.lengths import Lengths
+from rhytid.domain.patch_noise import (
+    CELLS,
+    CELLS_OF_WAVE,
+    LONGEST,
+    MOST_DEVIATION,
+    STRENGTH_SALT,
+    placement,
+    table,
+)
+from rhytid.synthesis.pore_density import EDGES_PER_PORE, PACKING, SPACING
+from rhytid.synthesis.surface import FloatArray, Surface
+
+Factors = NDArray[np.float32]
+# Deviations of logarithms where patchiness is 1, and the most, of the turn in radians; and salts of
+# the fields. Pores are livelier where lines are (`beside_lines`), and vary among themselves.
+_FIELDS = {
+    "strength": (0.34, MOST_DEVIATION, STRENGTH_SALT),
+    "beside_lines": (0.12, 0.25, STRENGTH_SALT),
+    "pores": (0.16, 0.3, 13),
+    "pore_radius": (0.10, 0.2, 13),
+    "density": (0.16, 0.24, 12),
+    "turn": (0.22, 0.33, 15),
+}
+# Points at a time: what is computed on the way stays in the cache.
+_ROWS = 8192
+_ROW = CELLS + 1
+# Of the corners of a cell in the table: z before y before x.
+_CORNERS = tuple(x * _ROW * _ROW + y * _ROW + z for z in (0, 1) for y in (0, 1) for x in (0, 1))
+
+
+class Patches:
+    """The fields of a surface.
+
+    surface: that the places are on.  seed: of the graph.  wave: the longest, in units of the
+    surface.  detail: UV length within which a field hardly changes.
+    """
+
+    def __init__(self, surface: Surface, seed: int, wave: float) -> None:
+        self._seed = seed
+        self._planes = _planes(surface, wave / CELLS_OF_WAVE)
+        length = float(np.sqrt(np.median(surface.density[surface.carries])))
+        self.detail = wave / CELLS_OF_WAVE / length
+
+    @classmethod
+    def of(cls, surface: Surface, settings: GraphSettings, unit: str | None) -> Patches | None:
+        """The patches that settings ask for; None for even skin.
+
+        unit: of the mesh. Where it has no known length, lengths follow from the spacing of pores.
+        """
+        if settings.patches == 0.0:
+            return None
+        lengths = Lengths.of(_spacing(surface, settings) * surface.scale)
+        wave = LONGEST.resolved(None, unit or "", lengths)
+        return cls(surface, settings.start, wave / surface.scale)
+
+    def factor(
+        self, name: str, amount: Factors, triangle: NDArray[Any], uv: NDArray[Any]
+    ) -> Factors:
+        """(N,) factors of a property, 1 in the mean: `strength` of lines, that of pores
+        `beside_lines` and of `pores` themselves, `pore_radius` or `density`.
+
+        amount: (N,) patchiness, 0 for even skin.  triangle (N,), uv (N, 2): of the points.
+        """
+        deviations = _deviations(name, amount)
+        found = self._noise(name, triangle, uv)
+        found -= np.float32(0.5) * deviations
+        found *= deviations
+        np.exp(found, out=found)
+        return found
+
+    def turn(self, amount: Factors, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """(N,) radians by which directions sway; the arguments of `factor`."""
+        found = self._noise("turn", triangle, uv)
+        found *= _deviations("turn", amount)
+        return found
+
+    def bounds(self, name: str, amount: float) -> tuple[float, float]:
+        """The least and the most that a factor can be where patchiness is at most `amount`."""
+        deviation = float(_deviations(name, np.array([amount], np.float32))[0])
+        most = float(np.abs(table()).max())
+        low, high = (np.exp(deviation * (way * most - 0.5 * deviation)) for way in (-1.0, 1.0))
+        return float(low), float(high)
+
+    def _noise(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """(N,) values of mean 0 and deviation 1."""
+        rows_of_place = placement(self._seed, _FIELDS[name][2])
+        found = np.empty(len(triangle), np.float32)
+        for start in range(0, len(triangle), _ROWS):
+            rows = slice(start, start + _ROWS)
+            plane = self._planes[triangle[rows]].T
+            u, v = uv[rows].T
+            x, y, z = (plane[i] * u + plane[3 + i] * v + plane[6 + i] for i in range(3))
+            # One by one: a matrix product may round a row by where in the array it is.
+            found[rows] = _interpolated(
+                *(a * x + b * y + c * z + d for a, b, c, d in rows_of_place)
+            )
+        return found
+
+
+def _deviations(name: str, amount: Factors) -> Factors:
+    """(N,) deviations of a field where patchiness is `amount` (N,)."""
+    usual, most, _ = _FIELDS[name]
+    found: Factors = np.minimum(np.float32(usual) * amount, np.float32(most))
+    return found
+
+
+def _interpolated(x: FloatArray, y: FloatArray, z: FloatArray) -> Factors:
+    """(N,) values of the table at places in cells, linear between its nodes."""
+    values, cell, shares = table().ravel(), np.zeros(len(x), np.int64), []
+    for at in (x, y, z):
+        low = np.floor(at)
+        shares.append((at - low).astype(np.float32))
+        cell *= _ROW
+        cell += low.astype(np.int64) % CELLS
+    between = [values.take(cell + corner) for corner in _CORNERS]
+    for share in shares:
+        between = [a + share * (b - a) for a, b in zip(between[::2], between[1::2], strict=True)]
+    return between[0]
+
+
+def _planes(surface: Surface, cell: float) -> FloatArray:
+    """(F, 9) of each triangle ∂X/∂u, ∂X/∂v and the place where u = v = 0, in cells."""
+    steps = surface.jacobian.transpose(0, 2, 1).reshape(-1, 6)
+    start = surface.corners[:, 0] - np.einsum("fxc,fc->fx", surface.jacobian, surface.uv[:, 0])
+    found: FloatArray = np.concatenate([steps, start], axis=1) / cell
+    return found
+
+
+def _spacing(surface: Surface, settings: GraphSettings) -> float:
+    """Mean distance of pores where density is 1, in units of the surface."""
+    if settings.wrinkles is None:
+        assert settings.spacing is not None
+        return settings.spacing / surface.scale
+    pores = settings.wrinkles / EDGES_PER_PORE
+    return SPACING * float(np.sqrt(PACKING * surface.area.sum() / pores))

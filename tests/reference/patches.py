@@ -1,0 +1,25 @@
+"""Factors of relief from patch to patch: log-normal, of mean 1, by a periodic table of noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from reference.inputs import Array
+
+
+def factor(
+    places: Array, cell: float, table: Array, rows: Array, amount: Array, deviation: float,
+    most: float,
+) -> Array:  # fmt: skip
+    """(P,) at places (P, 3), mesh units.
+
+    cell: of the table, mesh units.  table: (n + 1,)³, the last nodes the first again.  rows:
+    (3, 4), how it lies in space.  amount: (P,) patchiness; deviation of logarithms where that is 1,
+    and the most."""
+    own = np.asarray(table, np.float64)[:-1, :-1, :-1]
+    at = places / cell @ np.asarray(rows)[:, :3].T + np.asarray(rows)[:, 3]
+    noise = map_coordinates(own, at.T, order=1, mode="grid-wrap")
+    spread = np.minimum(deviation * amount, most)
+    found: Array = np.exp(spread * noise - spread**2 / 2)
+    return found
