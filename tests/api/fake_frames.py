@@ -73,4 +73,4 @@ class FakeFrames(Part):
         self.state.positions(asset, frame)
         count = len(self.state.built(asset).new.mesh.faces)
         axes = np.broadcast_to(np.eye(2, dtype=np.float32), (count, 2, 2))
-        return FrameStretch(axes, np.ones((count, 2), np.float32))
+        return FrameStretch(axes, np.ones((count, 2), np.float32), np.zeros(count, np.float32))

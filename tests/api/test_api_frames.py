@@ -108,6 +108,7 @@ def test_stretch_is_an_npz(client: httpx.Client, asset: str, frame: str) -> None
     with np.load(io.BytesIO(response.content)) as found:
         assert found["axes"].shape == (triangles, 2, 2)
         assert found["ratios"].shape == (triangles, 2)
+        assert found["folds"].shape == (triangles,)
 
 
 def test_calibration_is_a_job(client: httpx.Client, asset: str) -> None:

@@ -131,7 +131,7 @@ def zipped(**members: bytes) -> bytes:
 
 @pytest.mark.parametrize(
     "body",
-    [b"", b"PK", zipped(axes=WHOLE), zipped(axes=WHOLE, ratios=WHOLE[:20]), WHOLE],
+    [b"", b"PK", zipped(axes=WHOLE), zipped(axes=WHOLE, ratios=WHOLE[:20], folds=WHOLE), WHOLE],
     ids=["empty", "no zip", "missing", "cut", "npy"],
 )
 def test_npz_that_cannot_be_read(shell: Callable[..., Shell], body: bytes) -> None:

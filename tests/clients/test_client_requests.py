@@ -167,8 +167,8 @@ FRAMES = [
         "stretch",
         ("a", "s"),
         "GET /v1/assets/a/frames/s/stretch",
-        npz(axes=np.ones((2, 2, 2), "f4"), ratios=np.zeros((2, 2), "f4")),
-        lambda r: r.axes.shape == (2, 2, 2) and same(r.ratios, np.zeros((2, 2), "f4")),
+        npz(axes=np.ones((2, 2, 2), "f4"), ratios=RAW, folds=np.zeros(2, "f4")),
+        lambda r: r.axes.shape == (2, 2, 2) and same(r.ratios, RAW) and r.folds.shape == (2,),
     ),
     Case(
         "calibrate",

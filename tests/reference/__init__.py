@@ -12,6 +12,7 @@ drawing    profiles, and how heights meet in a displacement map
 waves      wrinkles that run to and fro across their segments
 redraw     a graph under stretch, drawn anew (section 2.3)
 bins       the fast method: quantised maps by angle and stretch, blended (section 2.4, Alg. 3)
+folding    what folds of a mesh take of its log compression
 stiffness  a painted map at texels and elements
 convolve   the neutral map blurred and sharpened along the axes of stretch (Nagano et al. 2015)
 pyramid    levels of a map

@@ -172,7 +172,9 @@ class Bins:
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """axes (F, 2, 2) float32 with axes[f, i] = ŝᵢ in UV; ratios (F, 2) float32, unclamped."""
+    """axes (F, 2, 2) float32 with axes[f, i] = ŝᵢ in UV; ratios (F, 2) float32, unclamped; folds
+    (F,) float32, the share that folds of the mesh take of negative log stretch."""
 
     axes: NDArray[np.float32]
     ratios: NDArray[np.float32]
+    folds: NDArray[np.float32]

@@ -147,9 +147,9 @@ def npy(array: NDArray[Any]) -> bytes:
 
 
 def npz(stretch: FrameStretch) -> bytes:
-    """`axes` and `ratios` as an uncompressed .npz file."""
+    """`axes`, `ratios` and `folds` as an uncompressed .npz file."""
     file = io.BytesIO()
-    np.savez(file, axes=stretch.axes, ratios=stretch.ratios)
+    np.savez(file, axes=stretch.axes, ratios=stretch.ratios, folds=stretch.folds)
     return file.getvalue()
 
 

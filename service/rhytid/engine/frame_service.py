@@ -108,8 +108,7 @@ class FrameService(Frames):
     def stretch(self, asset: str, frame: str) -> FrameStretch:
         found = self._assets.get(asset)
         stored = found.frame(frame)
-        ratios, axes = self._on_device.use(found, lambda resident: resident.frames.ratios(stored))
-        return FrameStretch(axes, ratios)
+        return self._on_device.use(found, lambda resident: resident.frames.measured(stored))
 
 
 def checked_frame(

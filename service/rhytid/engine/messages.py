@@ -268,10 +268,12 @@ class DeviceInfo:
 
 @dataclass(frozen=True, eq=False)
 class FrameStretch:
-    """axes (F, 2, 2) float32 with axes[f, i] = ŝᵢ; ratios (F, 2) float32, unclamped."""
+    """axes (F, 2, 2) float32 with axes[f, i] = ŝᵢ; ratios (F, 2) float32, unclamped; folds (F,)
+    float32, the share that folds of the mesh take of negative log stretch before lines answer."""
 
     axes: NDArray[np.float32]
     ratios: NDArray[np.float32]
+    folds: NDArray[np.float32]
 
 
 @dataclass(frozen=True)

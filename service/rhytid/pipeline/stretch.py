@@ -4,7 +4,7 @@ al. 2020). Kernels: stretch.cl, tension.cl, uv_stretch.cl."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
+from rhytid.domain.lengths import USUAL_UNIT
 from rhytid.domain.mesh import Mesh
+from rhytid.pipeline.folding import Folding
 from rhytid.pipeline.uv_vertices import unit_jacobians
 
 
@@ -21,9 +23,10 @@ class StretchBuffers(BufferGroup):
     """Stretch on the device, F triangles and one neutral entry for points in no triangle.
 
     count: F + 1.  ratios: float2, unclamped.  axes: float4, (ŝ₁, ŝ₂).
-    logs: float2, log ρ within its limit.  model: what measured it.
-    tension: ρ of each vertex, by the model `tension` only.
+    logs: float2, log ρ within its limit, less what folds of the mesh take.  model: what measured
+    it.  tension: ρ of each vertex, by the model `tension` only, less that, too.
     jacobians: float4, ∂X/∂(u, v) of the neutral for angles on the surface, or None; the stage's.
+    taken: the share that folds take of negative logs, or None where they take nothing.
     """
 
     count: int
@@ -33,6 +36,7 @@ class StretchBuffers(BufferGroup):
     model: str = "tensor"
     tension: Buffer | None = None
     jacobians: Buffer | None = None
+    taken: Buffer | None = None
 
     @classmethod
     def allocate(
@@ -46,20 +50,23 @@ class StretchBuffers(BufferGroup):
 
     @property
     def _buffers(self) -> tuple[Buffer | None, ...]:
-        return (self.ratios, self.axes, self.logs, self.tension)
+        return (self.ratios, self.axes, self.logs, self.tension, self.taken)
 
 
 class StretchStage:
     """The triangles of an asset, ready to be stretched by any model."""
 
-    def __init__(self, device: Device, mesh: Mesh) -> None:
+    def __init__(self, device: Device, mesh: Mesh, unit: str = USUAL_UNIT) -> None:
+        """unit: of the mesh, for the size of its folds."""
         self._device = device
         self.triangles = len(mesh.faces)
         self._neutral = mesh.positions
         self._faces = device.upload(mesh.faces)
         self._jacobians = device.upload(_surface_jacobians(mesh))
+        tensor = Tensor(device, mesh)
+        self._folding = Folding(device, mesh, self._faces, tensor.rest, unit)
         self._models: dict[str, StretchModel] = {
-            "tensor": Tensor(device, mesh),
+            "tensor": tensor,
             "tension": Tension(device, mesh),
             "uv": UvStretch(device, mesh),
         }
@@ -71,19 +78,21 @@ class StretchStage:
         model: str = "tensor",
         angles: str = "uv",
         soft: bool = False,
+        folds: float = 0.0,
     ) -> StretchBuffers:
         """The stretch of deformed positions (V, 3), or for None that of the neutral, which is 1 by
         definition.
 
         limit: of |log ρ|.  model: "tensor", "tension" or "uv".  angles: whether directions are
         compared in "uv" or on the "surface".  soft: log stretch goes to its limit by a knee.
+        folds: factor of what folds of the mesh take of log stretch; 0 leaves it.
         """
         log_limit = LogLimit(limit, soft)
         jacobians = self._jacobians if angles == "surface" else None
         # The neutral frame is unstretched by definition, in every model, without rounding errors.
         if positions is None:
-            return self._measure(self._neutral, 0, log_limit, "tensor", jacobians)
-        return self._measure(positions, self.triangles, log_limit, model, jacobians)
+            return self._measure(self._neutral, 0, log_limit, "tensor", jacobians, 0.0)
+        return self._measure(positions, self.triangles, log_limit, model, jacobians, folds)
 
     def _measure(
         self,
@@ -92,12 +101,16 @@ class StretchStage:
         limit: LogLimit,
         model: str,
         jacobians: Buffer | None,
+        folds: float,
     ) -> StretchBuffers:
         found = StretchBuffers.allocate(
             self._device, model, self.triangles, len(positions), jacobians
         )
         frame = self._device.upload(positions)
         self._models[model].launch(frame, self._faces, triangles, limit, found)
+        if folds > 0.0:
+            taken = self._folding.take(frame, folds, found.logs, found.tension)
+            found = replace(found, taken=taken)
         frame.release()
         return found
 
@@ -107,10 +120,17 @@ class StretchStage:
         axes = self._device.read(found.axes, (self.triangles, 2, 2), np.float32)
         return ratios, axes
 
+    def read_taken(self, found: StretchBuffers) -> NDArray[np.float32]:
+        """(F,) on the host: the share that folds take of negative log stretch."""
+        if found.taken is None:
+            return np.zeros(self.triangles, np.float32)
+        return self._device.read(found.taken, (self.triangles,), np.float32)
+
     def release(self) -> None:
         """Give the memory back."""
         self._faces.release()
         self._jacobians.release()
+        self._folding.release()
         for model in self._models.values():
             model.release()
 
@@ -200,12 +220,15 @@ def _frame_to_uv(
 
 
 class Tensor:
-    """The stretch tensor of every triangle (section 2.2, after Nagano et al. 2015)."""
+    """The stretch tensor of every triangle (section 2.2, after Nagano et al. 2015).
+
+    rest: shapes of `Rest`, (F, 8) on the device.
+    """
 
     def __init__(self, device: Device, mesh: Mesh) -> None:
         rest = Rest.of(mesh)
         self._device = device
-        self._shape = device.upload(rest.shape)
+        self.rest = device.upload(rest.shape)
         self._frame_to_uv = device.upload(rest.frame_to_uv)
 
     def launch(
@@ -214,14 +237,14 @@ class Tensor:
         """Fill `found` for the first `triangles`; the rest is unstretched."""
         self._device.launch(
             "stretch", "stretch_tensor", (found.count,),
-            frame, faces, self._shape, self._frame_to_uv,
+            frame, faces, self.rest, self._frame_to_uv,
             np.int32(triangles), np.float32(limit.most), found.ratios, found.axes, found.logs,
             defines=limit.defines,
         )  # fmt: skip
 
     def release(self) -> None:
         """Give the memory back."""
-        self._shape.release()
+        self.rest.release()
         self._frame_to_uv.release()
 
 

@@ -66,8 +66,8 @@ def delete_frame(asset: Asset | str, frame: str) -> Flow[None]:
 def stretch(asset: Asset | str, frame: str) -> Flow[Stretch]:
     """The stretch of every triangle: its axes in UV and its ratios."""
     place = ("v1", "assets", asset_id(asset), "frames", frame, "stretch")
-    axes, ratios = npy.unpack(parse.content((yield get(*place))), "axes", "ratios")
-    return Stretch(axes, ratios)
+    content = parse.content((yield get(*place)))
+    return Stretch(*npy.unpack(content, "axes", "ratios", "folds"))
 
 
 def calibrate(

@@ -30,8 +30,8 @@ from rhytid.engine.frames import Frame
 
 JSON = "application/json"
 NPZ = "application/x-npz"
-# Bytes of axes and ratios of a triangle.
-STRETCH = 24
+# Bytes of axes, ratios and folds of a triangle.
+STRETCH = 28
 router = APIRouter(prefix="/v1/assets/{asset}", tags=["frames"], dependencies=[NoQuery])
 
 
@@ -129,7 +129,8 @@ def delete(asset: AssetId, frame: FrameName, engine: EngineDep, former: FormerDe
 def stretch(
     asset: AssetId, frame: FrameName, engine: EngineDep, slot: Slot, memory: Memory
 ) -> Response:
-    """`.npz` with axes (F, 2, 2), axes[f, i] = ŝᵢ, and ratios (F, 2), unclamped."""
+    """`.npz` with axes (F, 2, 2), axes[f, i] = ŝᵢ, ratios (F, 2), unclamped, and folds (F,), the
+    share that folds of the mesh take of negative log stretch."""
     triangles = engine.assets.dimensions(asset).triangles
     with slot:
         memory.answer(WORKING * STRETCH * triangles)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rhytid.device.buffer import Buffer
 from rhytid.engine.device_assets.mesh import DeviceMesh
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
-from rhytid.engine.messages import MapQuery
+from rhytid.engine.messages import FrameStretch, MapQuery
 from rhytid.pipeline.blend import Coefficients
 from rhytid.pipeline.event_elements import EventElements
 from rhytid.pipeline.events import add_events, respond_events, respond_events_smooth
@@ -43,14 +43,21 @@ class DeviceFrames:
         """Ratios (F, 2), unclamped, and axes (F, 2, 2) of the stretch of a frame."""
         return self._base.stretch.read(self.stretch(frame, "tensor"))
 
+    def measured(self, frame: Frame) -> FrameStretch:
+        """The stretch of a frame, and what folds of the mesh take of it."""
+        ratios, axes = self.ratios(frame)
+        return FrameStretch(
+            axes, ratios, self._base.stretch.read_taken(self.stretch(frame, "tensor"))
+        )
+
     def stretch(self, frame: Frame, model: str) -> StretchBuffers:
-        """Clamped log stretch and its axes, of each triangle."""
+        """Clamped log stretch, less what folds of the mesh take, and its axes, of each triangle."""
         base, response = self._base, self._base.settings.response
         limit, soft = response.log_stretch_limit, response.soft_limits
         return base.cache.keep_of(
             frame, "stretch", model,
             make=lambda: base.stretch.run(
-                frame.positions, limit, model, base.settings.angles, soft
+                frame.positions, limit, model, base.settings.angles, soft, response.folds
             ),
         )  # fmt: skip
 

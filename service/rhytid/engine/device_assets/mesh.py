@@ -63,7 +63,7 @@ class DeviceMesh:
     ) -> None:
         self.device, self.mesh, self.stiffness = device, mesh, stiffness
         self.settings, self.tile_side = settings, settings.grid.texels(0)
-        self.stretch = StretchStage(device, mesh)
+        self.stretch = StretchStage(device, mesh, settings.length_unit)
         self.smooth = SmoothStage(device, mesh)
         self.located = {
             udim: UdimTriangles(device, mesh, udim, settings.resolution, settings.padding)

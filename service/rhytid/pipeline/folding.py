@@ -1,0 +1,223 @@
+"""Folds of the mesh itself, and the log stretch that they leave to lines. Kernel: folding.cl.
+
+Lines answer to the log stretch of the triangles. Skin that is pressed hard folds as a sheet, too,
+crest beside valley, and a mesh shows such folds itself: level ones where brows are raised, the one
+beside the nose in a smile. Lines that take all of the compression show it a second time.
+
+What curvature says of it. A chord is shorter than its arc by (κL)²/24 of it, and a mesh measures
+chords: for its folds that is about a hundredth, too little to count. The face of a sheet is longer
+than its middle by tκ on a crest, and shorter by as much in a valley: that sums to nothing over a
+fold, whatever the thickness t. What counts is that a sheet which has folded is relieved. The
+compression that is left to its face falls, and on the crest as in the valley, for it passes along
+the sheet. How far it falls, no curvature of a mesh can tell. So the rule has the form that follows,
+little for weak bends and most of it for steep folds, and its numbers are by eye, on one real face.
+
+The rule. Of each triangle b = ℓ Σ cᵢ (κ'ᵢ − κᵢ) over both axes of stretch: c the log compression, 0
+where it is stretched, κ' and κ the curvatures along the axis in the frame and in the neutral, ℓ =
+40 mm. T is the variance of b over about a fold around each vertex: a mean of b is another form of
+the face, as a cheek that bulges, and no fold. Folds take the share 0.9 T² / (1 + T²) of each
+compression, and leave stretch as it is.
+
+So lines keep a tenth at least. What moves rigidly has no folds. The share is continuous in the
+frame and over the surface; it hangs on space alone, not on UV, and on what is near. Curvature is
+that of the normals of the vertices (Rusinkiewicz 2004), which see a third of that of a fold three
+edges long. Finer meshes are smoothed to see no more, as far as `_MOST_ROUNDS` reaches: to edges of
+1.4 mm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.buffer import Buffer
+from rhytid.device.runtime import Device
+from rhytid.domain.lengths import millimetres
+from rhytid.domain.mesh import Mesh
+
+# ℓ: where b deviates by 1 from its mean, folds take half of what they can.
+_LENGTH_MM = 40.0
+# A millimetre where the unit is not known: its share of the root of the area, on a face.
+_MILLIMETRE_OF_ROOT = 0.0034
+# Of a compression: what folds take of it.
+_MOST = 0.9
+# Of ℓ (κ' − κ): rims of lips and lids are bent without measure.
+_MOST_BEND = 20.0
+# Median edge of the real face on which the numbers were found, and its rounds of smoothing.
+_EDGE_MM, _ROUNDS, _MOST_ROUNDS = 2.8, 2, 8
+
+
+@dataclass(frozen=True)
+class Places:
+    """The places of a mesh: its vertices, those at one place in the neutral once.
+
+    of_vertex (V,), corners (F, 3): places.  offsets (W + 1,), members, shares: the triangles with
+    area around each place, and their shares of the area, which sum to 1.
+    """
+
+    of_vertex: NDArray[np.int32]
+    corners: NDArray[np.int32]
+    offsets: NDArray[np.int32]
+    members: NDArray[np.int32]
+    shares: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> Places:
+        """The places of a mesh."""
+        usable = mesh.usable_triangles()
+        _, place = np.unique(mesh.positions + 0.0, axis=0, return_inverse=True)  # -0 is 0
+        corners = place.reshape(-1)[mesh.faces]
+        owner, members = corners[usable].reshape(-1), np.repeat(np.flatnonzero(usable), 3)
+        order = np.argsort(owner, kind="stable")
+        owner, members, count = owner[order], members[order], int(place.max()) + 1
+        area = _relative_areas(mesh)[members]
+        offsets = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=count))])
+        shares = area / np.bincount(owner, area, count)[owner]
+        return cls(
+            place.reshape(-1).astype(np.int32),
+            corners.astype(np.int32),
+            offsets.astype(np.int32),
+            members.astype(np.int32),
+            shares.astype(np.float32),
+        )
+
+
+class Folding:
+    """The folds of a mesh, ready to be measured in any frame.
+
+    faces: of the mesh, and rest: the rest shapes of its triangles (`Rest`), on the device; they
+    stay the caller's.  unit: of the mesh.
+    """
+
+    def __init__(self, device: Device, mesh: Mesh, faces: Buffer, rest: Buffer, unit: str) -> None:
+        places = Places.of(mesh)
+        self._device, self._faces, self._rest = device, faces, rest
+        self._triangles, self._vertices = len(mesh.faces), len(mesh.positions)
+        self._count = len(places.offsets) - 1
+        size = millimetre(mesh, unit)
+        self.length = _LENGTH_MM * size
+        self.rounds, self._normal_rounds = rounds(mesh, size)
+        self._of_vertex, self._corners = (
+            device.upload(places.of_vertex),
+            device.upload(places.corners),
+        )
+        self._offsets, self._members = device.upload(places.offsets), device.upload(places.members)
+        self._shares = device.upload(places.shares)
+        self._forms = self._neutral_forms(mesh)
+
+    def take(self, frame: Buffer, amount: float, logs: Buffer, tension: Buffer | None) -> Buffer:
+        """(F + 1,) the share of its compression that folds take of each triangle in a frame. It is
+        taken of `logs` in place, and of the tension of vertices.
+
+        frame: positions (V, 3).  amount: 0 to 1, factor of the share.
+        """
+        moments = self._smoothed(self._bends(frame), self.rounds)
+        most = np.float32(amount * _MOST)
+        taken = self._device.empty(self._triangles + 1, np.float32)
+        self._launch(
+            "take_shares", self._triangles + 1,
+            self._corners, moments, np.int32(self._triangles), most, logs, taken,
+        )  # fmt: skip
+        if tension is not None:
+            self._launch("take_tension", self._vertices, self._of_vertex, moments, most, tension)
+        moments.release()
+        return taken
+
+    def release(self) -> None:
+        """Give the memory back."""
+        owned = (self._of_vertex, self._corners, self._offsets, self._members, self._shares)
+        for buffer in (*owned, self._forms):
+            buffer.release()
+
+    def _neutral_forms(self, mesh: Mesh) -> Buffer:
+        frame = self._device.upload(mesh.positions)
+        normals, forms = self._normals(frame), self._floats(self._triangles)
+        self._launch(
+            "neutral_forms", self._triangles,
+            *self._surface(frame, normals), np.float32(self.length), forms,
+        )  # fmt: skip
+        self._device.finish()
+        frame.release()
+        normals.release()
+        return forms
+
+    def _bends(self, frame: Buffer) -> Buffer:
+        """The moments of each triangle; the caller's."""
+        normals, moments = self._normals(frame), self._floats(self._triangles)
+        self._launch(
+            "bends", self._triangles, *self._surface(frame, normals), self._forms,
+            np.float32(self.length), np.float32(_MOST_BEND), moments,
+        )  # fmt: skip
+        normals.release()
+        return moments
+
+    def _surface(self, frame: Buffer, normals: Buffer) -> tuple[Buffer, ...]:
+        return frame, self._faces, self._corners, self._rest, normals
+
+    def _normals(self, frame: Buffer) -> Buffer:
+        normals = self._floats(self._count)
+        self._launch(
+            "place_normals", self._count, frame, self._faces, self._offsets, self._members,
+            np.float32(1.0 / self.length), normals,
+        )  # fmt: skip
+        if not self._normal_rounds:
+            return normals
+        return self._smoothed(self._spread(normals), self._normal_rounds)
+
+    def _smoothed(self, triangles: Buffer, count: int) -> Buffer:
+        """Values of the places, gathered from those of the triangles `count` times; takes these."""
+        for left in reversed(range(count)):
+            found = self._floats(self._count)
+            around = (self._offsets, self._members, self._shares)
+            self._launch("gathered", self._count, *around, triangles, found)
+            triangles.release()
+            if left:
+                triangles = self._spread(found)
+        return found
+
+    def _spread(self, places: Buffer) -> Buffer:
+        """Values of the triangles; takes those of the places."""
+        found = self._floats(self._triangles)
+        self._launch("spread", self._triangles, self._corners, places, found)
+        places.release()
+        return found
+
+    def _floats(self, count: int) -> Buffer:
+        return self._device.empty(4 * count, np.float32)
+
+    def _launch(self, kernel: str, size: int, *arguments: object) -> None:
+        self._device.launch("folding", kernel, (size,), *arguments)
+
+
+def millimetre(mesh: Mesh, unit: str) -> float:
+    """A millimetre in mesh units; where the unit is not known as if the mesh were a face."""
+    length = millimetres(unit)
+    if length is not None:
+        return 1.0 / length
+    longest = np.linalg.norm(_edges(mesh), axis=-1).max()
+    return float(_MILLIMETRE_OF_ROOT * longest * np.sqrt(0.5 * _relative_areas(mesh).sum()))
+
+
+def rounds(mesh: Mesh, millimetre: float) -> tuple[int, int]:
+    """Rounds of smoothing of b and b², and of normals, more where edges are shorter than those of
+    the face on which the numbers were found.  millimetre: in mesh units."""
+    edge = float(np.median(np.linalg.norm(_edges(mesh), axis=-1)))
+    finer = float(np.clip(_EDGE_MM * millimetre / edge, 0.0, 100.0)) ** 2
+    bends = int(np.clip(round(_ROUNDS * finer), 1, _MOST_ROUNDS))
+    return bends, int(np.clip(round((finer - 1.0) * 4 / 3), 0, _MOST_ROUNDS // 2))
+
+
+def _relative_areas(mesh: Mesh) -> NDArray[np.float64]:
+    """(F,) twice the areas, in squares of the longest edge."""
+    edges = _edges(mesh)
+    edges /= np.linalg.norm(edges, axis=-1).max()
+    areas: NDArray[np.float64] = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    return areas
+
+
+def _edges(mesh: Mesh) -> NDArray[np.float64]:
+    """(F, 3, 3) the edges of each triangle, around it."""
+    corners = mesh.positions[mesh.faces].astype(np.float64)
+    return np.roll(corners, -1, axis=1) - corners
