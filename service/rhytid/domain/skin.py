@@ -52,7 +52,8 @@ class Region:
     the weights of pores.  turn: degrees by which lines turn left.  anisotropy: of how far lines
     keep to one direction.  bend: of how far lines wind.  scale: of the width of wrinkles.
     pore_radius: of the radius of pores.  contrast: power of the weights.  grain: of the micro
-    relief between lines.  old: what age makes of these.
+    relief between lines.  leading: of how far skin that folds has leaders, at any age.  old: what
+    age makes of the others.
     """
 
     density: float = 1.0
@@ -65,6 +66,7 @@ class Region:
     pore_radius: float = 1.0
     contrast: float = 1.0
     grain: float = 1.0
+    leading: float = 1.0
     old: Old = Old()
 
 
@@ -90,6 +92,7 @@ REGIONS: dict[str, Region] = {
         scale=0.85,
         pore_radius=1.35,
         grain=1.1,
+        leading=0.4,
         old=Old(strength=1.2, anisotropy=1.5, pore_radius=1.15, contrast=1.15, grain=1.3),
     ),
     # The largest pores of the face, close together; lines so faint that pores stand alone.
@@ -101,6 +104,7 @@ REGIONS: dict[str, Region] = {
         scale=0.7,
         pore_radius=1.7,
         grain=1.2,
+        leading=0.25,
         old=Old(strength=1.3, anisotropy=1.0, pore_strength=1.2, contrast=1.1, grain=1.8),
     ),
     # Furrows across the lip, upright and fine, joined by faint ones; next to no pores to see.

@@ -43,7 +43,7 @@ class WrinkleArrays:
     by block.  stiffness (K,), or None: 1 throughout.  waves (K, 4): as in wave.clh; None where no
     wrinkle is wavy.  slopes (K, 2): as in line.clh; None where none bends or tapers.
     partners (K, 2) int32: the wrinkles that continue at both ends, -1 for none; None where no
-    wrinkle continues.
+    wrinkle continues.  shares (K,): as in WrinkleGraph; None where all are 1.
 
     Wrinkles come in this order: first `even` ones, then S copies and wrinkles with a metric, then
     partners that do not reach into the UDIM and are in no list.  skews (S, 4): of the second group,
@@ -60,6 +60,7 @@ class WrinkleArrays:
     waves: NDArray[np.float32] | None = None
     slopes: NDArray[np.float32] | None = None
     partners: NDArray[np.int32] | None = None
+    shares: NDArray[np.float32] | None = None
     skews: NDArray[np.float32] | None = None
     origins: Origins | None = None
     even: int = 0
@@ -130,6 +131,7 @@ def wrinkle_arrays(
         None if waves is None else waves[chosen] * np.array([size, 1, 1, 1], np.float32),
         None if bends is None else bends.slopes[chosen],
         partners,
+        None if bends is None or bends.shares is None else bends.shares[chosen],
         skews_of(graph, tail) if len(tail) else None,
         Origins.of(tail, graph.edge_copy_of, segments, triangle, stiffness),
         even,
@@ -246,6 +248,7 @@ class UdimElements:
         self.waves = _upload(device, wrinkles.waves)
         self.slopes = _upload(device, wrinkles.slopes)
         self.partners = _upload(device, wrinkles.partners)
+        self.shares = _upload(device, wrinkles.shares)
         self.skews = _upload(device, wrinkles.skews)
         self._even = wrinkles.even
         self.wrinkle_origins = OriginBuffers.upload(device, wrinkles.origins, wrinkles.even)

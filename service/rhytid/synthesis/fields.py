@@ -32,7 +32,8 @@ class Fields:
     least_spacing, most_spacing: limits of `spacing`, above 0. Two pores stand apart by the radius
     times the mean of their factors.  detail: UV length within which spacing and bareness hardly
     change.  some_bare: whether `bare` is true anywhere.  some_contrast: whether `contrast` differs
-    from 1 anywhere.  usual_pore_radius: `pore_radius` where nothing is painted.
+    from 1 anywhere.  some_leading: whether `leading` differs from 0 anywhere.  usual_pore_radius:
+    `pore_radius` where nothing is painted.
     """
 
     least_spacing = 1.0
@@ -40,6 +41,7 @@ class Fields:
     detail = float("inf")
     some_bare = False
     some_contrast = False
+    some_leading = False
     usual_pore_radius = 1.0
 
     def spacing(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -66,6 +68,10 @@ class Fields:
     def primary(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the strength of primary lines."""
         return np.ones(len(triangle), np.float32)
+
+    def leading(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin has leaders, few long deep lines: 0 not at all, 1 as far as any."""
+        return np.zeros(len(triangle), np.float32)
 
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians by which the preferred direction turns left, seen from outside."""

@@ -78,6 +78,7 @@ class PaintedFields(Fields):
         self._surface, self._settings, self._folds = surface, settings, folds
         self._skin = {name: aged(region, settings.age) for name, region in REGIONS.items()}
         self.some_contrast = settings.age != USUAL_AGE
+        self.some_leading = folds is not None
         maps = controls.maps
         self._maps = {
             name: PaintedMaps(surface, maps[name]) for name in maps if name != "direction"
@@ -138,6 +139,12 @@ class PaintedFields(Fields):
         if self._folds is None:
             return super().primary(triangle, uv)
         return self._folds.factor("primary", triangle, uv)
+
+    def leading(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin has leaders: as the folds say, less in some regions."""
+        if self._folds is None:
+            return super().leading(triangle, uv)
+        return self._folds.factor("leading", triangle, uv) * self._region("leading", triangle, uv)
 
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians to the left from the level direction. Painted directions, then folds, take the
