@@ -90,9 +90,9 @@ class WrinkleGraph:
     metric is of edge_half_width, and wider and narrower as these are.
     edge_partners (M, 2) i32: the wrinkle that goes on there, -1 for none; of copies, too.
 
-    edge_share (M,) f32 or None: factor of the depth exponent of each wrinkle, from 0 to MOST_SHARE:
-    how much of the shortening of skin it takes, of what it would take by itself; None is 1
-    throughout.
+    edge_share (M,) f32 or None: how much of the shortening of skin each wrinkle takes, of what it
+    would take by itself, from 0 to MOST_SHARE: at log stretch r its depth is 1 - alpha_d (share -
+    1) r times as large, 0 to 4; None is 1 throughout.
 
     Radii, those of a metric too, half widths and lengths are at least LEAST_SIZE; radii and half
     widths at most 1. Raises GraphError naming the array and the first element that cannot be used.

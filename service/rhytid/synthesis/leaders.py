@@ -192,9 +192,9 @@ class Trails:
     @property
     def half(self) -> int:
         """K."""
-        return self.there.shape[1] // 2
+        return int(self.there.shape[1] // 2)
 
-    def index(self, row: IntArray, at: IntArray) -> IntArray:
+    def index(self, row: IntArray | int, at: IntArray) -> IntArray:
         """The points with numbers `at` of the lines `row`."""
         found: IntArray = row * self.there.shape[1] + at
         return found
@@ -414,4 +414,5 @@ class _Beside:
         distance = np.sqrt((apart**2).sum(axis=1) + (_ALONG**2 - 1.0) * along**2)
         limit = np.maximum(np.minimum(self._apart[found], reach), _BESIDE * reach)
         facing = np.einsum("nx,nx->n", self._normal[found], points.normal[of]) > 0
-        return self._there[found[(distance < limit) & facing]]
+        near_by: IntArray = self._there[found[(distance < limit) & facing]]
+        return near_by

@@ -26,17 +26,17 @@ _FIRST = np.float32(64.0)
 _WORN = np.float32(3.0)
 # Weight of the deepest leader at rest, before factors of the skin; half widths, in those of a line
 # of strength 1, of the faintest leader and of the deepest.
-_DEEPEST = 0.75
+_DEEPEST = 0.5
 # Factors of these at 65, for leaders are what expressions leave behind; and of the weight of others
 # where skin folds one way.
-_OLD, _OLD_OTHERS = 1.7, 0.75
+_OLD, _OLD_OTHERS = 2.4, 0.75
 _NARROW, _BROAD = 0.6, 1.75
 # How far other lines are fainter: beside a leader, and where skin folds one way; how far from a
 # leader, in pore spacings, the first ends.
 _BESIDE, _FOLDED, _REACH = 0.45, 0.45, 4.0
 # Share of the shortening that a leader takes, of what it would take by itself, at rank 1; of what
 # others would take is left at least; how far leaders take it from, in pore spacings.
-_TAKES, _LEFT, _STRIP = 3.0, 0.15, 8.0
+_TAKES, _LEFT, _STRIP = 1.9, 0.35, 8.0
 # Pores on a leader would be beads on a string: of their depth is left.
 _BEADS = 0.6
 
@@ -99,11 +99,13 @@ class Ranks:
 
     def worn(self) -> Singles:
         """(E,) strengths that walkers find as they set out."""
-        return np.where(self.leads, _WORN, np.float32(0.0))
+        found: Singles = np.where(self.leads, _WORN, np.float32(0.0))
+        return found
 
     def raised(self, strength: Singles) -> Singles:
         """(E,) strengths in which leaders come before all other edges."""
-        return np.where(self.leads, _FIRST + self.weight, strength)
+        found: Singles = np.where(self.leads, _FIRST + self.weight, strength)
+        return found
 
     def shares(self, strips: Strips) -> Singles:
         """(W,) shares of W lines; over a strip of skin their mean by mass is 1."""
@@ -158,10 +160,8 @@ def _given(
 def _at_pores(strips: Strips, values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     """(N,) sums of values (W,) at the pores, half of each at either end."""
     ends = strips.pores
-    total: NDArray[np.float64] = 0.5 * (
-        np.bincount(ends[:, 0], values, count) + np.bincount(ends[:, 1], values, count)
-    )
-    return total
+    total = np.bincount(ends[:, 0], values, count) + np.bincount(ends[:, 1], values, count)
+    return np.asarray(0.5 * total, np.float64)
 
 
 def _pairs(

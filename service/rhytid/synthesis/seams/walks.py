@@ -27,18 +27,19 @@ def walk(
 
     across: (F, 3) neighbours of the triangles.
     """
-    triangle, uv = triangle.astype(np.int64), uv.copy()
-    arrived, going, left = np.zeros(len(uv), np.bool_), np.arange(len(uv)), step.copy()
+    at: IntArray = triangle.astype(np.int64)
+    arrived: BoolArray = np.zeros(len(uv), np.bool_)
+    uv, going, left = uv.copy(), np.arange(len(uv)), step.copy()
     for _ in range(_SEAMS + 1):
-        line = trace(surface, across, triangle[going], uv[going], left[going])
-        triangle[going] = line.end
+        line = trace(surface, across, at[going], uv[going], left[going])
+        at[going] = line.end
         uv[going] += line.share[:, None] * left[going]
         left[going] *= (1.0 - line.share)[:, None]
         arrived[going[line.share >= 1.0]] = True
-        going = _over(surface, borders, triangle, uv, left, going[line.share < 1.0])
+        going = _over(surface, borders, at, uv, left, going[line.share < 1.0])
         if not len(going):
             break
-    return triangle, uv, arrived
+    return at, uv, arrived
 
 
 def _over(
