@@ -110,7 +110,7 @@ class GraphParts:
         length = np.linalg.norm(position[pores[:, 1]] - position[pores[:, 0]], axis=1)
         mass = length * weight[first] * width[first]
         share = np.empty(len(weight), np.float32)
-        strips = Strips(lines.edge[first], pores, mass, position, self.spacing)
+        strips = Strips(lines.edge[first], pores, weight[first], mass, position, self.spacing)
         share[first] = ranks.shares(strips)
         second = np.flatnonzero(lines.copy_of != ORIGINAL)
         share[second] = share[lines.copy_of[second]]

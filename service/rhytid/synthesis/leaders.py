@@ -30,10 +30,10 @@ from rhytid.synthesis.surface import FloatArray, IntArray, Points, unit
 # Millimetres: from seed to seed, and from one point of a line to the next.
 SEEDS, STEP = 2.4, 0.8
 # The shortest line that is kept, the longest, and how far one may reach to either side of its seed.
-SHORTEST, LONGEST, _HALF = 6.0, 20.0, 16.0
+SHORTEST, LONGEST, _HALF = 7.0, 20.0, 16.0
 # How far apart lines are: small ones, and how much farther the largest; of that of the larger line
 # a small one beside it keeps this share.
-_APART, _FARTHER, _BESIDE = 2.4, 3.4, 0.75
+_APART, _FARTHER, _BESIDE = 2.6, 3.4, 0.75
 # How much farther apart than they are lines count along one of them: ends may follow one another.
 _ALONG = 2.2
 # How far lines wind about the preferred direction, radians, and over which lengths.
@@ -318,7 +318,7 @@ class _Course:
 
 def _taper(share: FloatArray) -> FloatArray:
     """From 0 at both ends of a line to 1 in its middle half, without a corner."""
-    rise = np.clip(np.minimum(share, 1.0 - share) / 0.3, 0.0, 1.0)
+    rise = np.clip(np.minimum(share, 1.0 - share) / 0.25, 0.0, 1.0)
     taper: FloatArray = rise * (2.0 - rise)
     return taper
 

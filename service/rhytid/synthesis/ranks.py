@@ -30,13 +30,14 @@ _DEEPEST = 0.5
 # Factors of these at 65, for leaders are what expressions leave behind; and of the weight of others
 # where skin folds one way.
 _OLD, _OLD_OTHERS = 2.4, 0.75
-_NARROW, _BROAD = 0.6, 1.75
+_NARROW, _BROAD = 0.6, 1.5
 # How far other lines are fainter: beside a leader, and where skin folds one way; how far from a
 # leader, in pore spacings, the first ends.
 _BESIDE, _FOLDED, _REACH = 0.45, 0.45, 4.0
-# Share of the shortening that a leader takes, of what it would take by itself, at rank 1; of what
-# others would take is left at least; how far leaders take it from, in pore spacings.
-_TAKES, _LEFT, _STRIP = 1.9, 0.35, 8.0
+# Share of the shortening that a leader takes, of what it would take by itself, at rank 1, and by how
+# much less one of weight 1; what others are left at least, of what they would take; how far leaders
+# take it from, in pore spacings.
+_TAKES, _DEEP_TAKES, _LEFT, _STRIP = 1.95, 0.6, 0.35, 8.0
 # Pores on a leader would be beads on a string: of their depth is left.
 _BEADS = 0.6
 
@@ -109,13 +110,14 @@ class Ranks:
 
     def shares(self, strips: Strips) -> Singles:
         """(W,) shares of W lines; over a strip of skin their mean by mass is 1."""
-        leads, takes = self.leads[strips.edge], (_TAKES - 1.0) * self.rank
+        leads = self.leads[strips.edge]
+        takes = (_TAKES - 1.0 - _DEEP_TAKES * strips.weight) * self.rank
         more = np.where(leads, strips.mass * takes, 0.0)
         taken, given = _given(strips, leads, more)
         ends = strips.pores
         share = 1.0 - 0.5 * (given[ends[:, 0]] + given[ends[:, 1]])
         kept = 0.5 * (taken[ends[:, 0]] + taken[ends[:, 1]])
-        share[leads] = 1.0 + takes * kept[leads]
+        share[leads] = 1.0 + (takes * kept)[leads]
         return share.astype(np.float32)
 
 
@@ -123,12 +125,14 @@ class Ranks:
 class Strips:
     """W lines as they share the shortening of a strip of skin.
 
-    edge (W,): that each draws.  pores (W, 2): that it joins.  mass (W,): weight times half width
-    times length.  position (N, 3): of the pores.  spacing: their mean distance on even skin.
+    edge (W,): that each draws.  pores (W, 2): that it joins.  weight (W,).  mass (W,): weight times
+    half width times length.  position (N, 3): of the pores.  spacing: their mean distance on even
+    skin.
     """
 
     edge: NDArray[np.int32]
     pores: NDArray[np.int32]
+    weight: Singles
     mass: NDArray[np.float64]
     position: NDArray[np.float64]
     spacing: float
