@@ -108,11 +108,12 @@ def test_a_sheet_compressed_along_x_grows_lines_along_y(device: Device) -> None:
 def test_a_painted_direction_goes_before(device: Device) -> None:
     folds = folded(0.0)
     controls = painted(direction=right(30.0 / 180.0, 0.0))
-    made = synthesize(MESH, GraphSettings(wrinkles=COUNT), device, controls=controls, folds=folds)
+    # Beside leaders fine lines cross each other, so that the mean says little.
+    plain = GraphSettings(wrinkles=COUNT, rank=0.0)
+    made = synthesize(MESH, plain, device, controls=controls, folds=folds)
     left, right_half = halves(MESH, made.graph)
-    # The fine lines between leaders cross each other: their mean is not quite that of the leaders.
-    assert left.axis == pytest.approx(90.0, abs=16.0)
-    assert right_half.axis == pytest.approx(30.0, abs=16.0)
+    assert left.axis == pytest.approx(90.0, abs=9.0)
+    assert right_half.axis == pytest.approx(30.0, abs=9.0)
 
 
 @pytest.mark.parametrize("name", ["strength", "anisotropy"])

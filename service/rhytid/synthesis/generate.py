@@ -21,7 +21,7 @@ from rhytid.synthesis.capacity import check_drawn, check_radius, wrinkles_in_all
 from rhytid.synthesis.fields import Directions, Fields
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.incidence import independent_set
-from rhytid.synthesis.leaders import LeaderPores, leaders_of
+from rhytid.synthesis.leaders import LeaderPores, Leaders, leaders_of
 from rhytid.synthesis.lines import draw
 from rhytid.synthesis.painted_fields import fields_of
 from rhytid.synthesis.pore_density import (
@@ -186,7 +186,7 @@ def _grown_to_count(
     check_radius(ground.surface, settings, radius, ground.fields.least_spacing)
     leaders = leaders_of(ground, SPACING * radius, settings)
     for _ in range(ATTEMPTS):
-        building, first = part(progress, 0.0, 0.5), leaders.pores(radius)
+        building, first = part(progress, 0.0, 0.5), _pores_on(leaders, radius)
         net = CandidateGraph.build(
             ground, radius, settings.neighbours, settings.start, building, first.points
         )
@@ -210,12 +210,16 @@ def _grown_at_spacing(
 ) -> Skin:
     """Skin with pores `radius` apart, in units of the surface, times the spacing of its fields."""
     check_radius(ground.surface, settings, radius, ground.fields.least_spacing)
-    first = leaders_of(ground, SPACING * radius, settings).pores(radius)
+    first = _pores_on(leaders_of(ground, SPACING * radius, settings), radius)
     building = part(progress, 0.0, 0.5)
     net = CandidateGraph.build(
         ground, radius, settings.neighbours, settings.start, building, first.points
     )
     return _worn(ground, net, first, radius, settings, part(progress, 0.5, 1.0))
+
+
+def _pores_on(leaders: Leaders | None, radius: float) -> LeaderPores:
+    return LeaderPores.none() if leaders is None else leaders.pores(radius)
 
 
 def _worn(
