@@ -108,9 +108,9 @@ def test_a_sheet_compressed_along_x_grows_lines_along_y(device: Device) -> None:
 def test_a_painted_direction_goes_before(device: Device) -> None:
     folds = folded(0.0)
     controls = painted(direction=right(30.0 / 180.0, 0.0))
-    made = synthesize(
-        MESH, GraphSettings(wrinkles=COUNT, patches=0.0), device, controls=controls, folds=folds
-    )
+    # Beside leaders fine lines cross each other, so that the mean says little.
+    plain = GraphSettings(wrinkles=COUNT, patches=0.0, rank=0.0)
+    made = synthesize(MESH, plain, device, controls=controls, folds=folds)
     left, right_half = halves(MESH, made.graph)
     assert left.axis == pytest.approx(90.0, abs=9.0)
     assert right_half.axis == pytest.approx(30.0, abs=9.0)

@@ -50,7 +50,7 @@ def test_darts_are_kept_as_if_thrown_one_by_one(
             for throw in darts.throws(turn, 2000 / darts.room):
                 sieve.take(throw)
                 thrown.append(counting(work, throw))
-        pores = sieve.points()
+        pores = sieve.points()[0]
     assert len(thrown) > 4
     place, normal, factor = (np.concatenate(arrays) for arrays in zip(*thrown, strict=True))
     kept = thrown_one_by_one(place, normal, factor, range(len(place)), RADIUS / darts.lattice.unit)

@@ -1,6 +1,10 @@
 // Scales at the two ends of wrinkles that bend, from r of every wrinkle: at an end that another wrinkle
-// continues r goes from its own towards the mean of both, so that a line has no step there.
+// continues r goes from its own towards the mean of both, so that a line has no step there. With SHARED
+// wrinkles have shares of the shortening of skin.
 #include "response.clh"
+#ifdef SHARED
+#include "shares.clh"
+#endif
 
 #define LANES 16
 
@@ -13,24 +17,41 @@ inline float at_end(__global const float *r, int i, int partner, float share)
 }
 
 // A work-item takes LANES wrinkles. partners: of each at its start and at its end, or NULL.
-// share: of the way to the mean, 0 to 1. scales: (sigma_w at the start, at the end, sigma_d likewise).
+// share: of the way to the mean, 0 to 1. shares: of each wrinkle at both ends.
+// scales: (sigma_w at the start, at the end, sigma_d likewise).
 __kernel void respond_ends(__global const float *r, __global const int2 *partners, int count,
                            float share, float width_exponent, float depth_exponent,
+#ifdef SHARED
+                           __global const float2 *shares,
+#endif
                            __global float4 *scales)
 {
     int first = get_global_id(0) * LANES;
     float start[LANES], end[LANES], found[4][LANES];
+#ifdef SHARED
+    float share_at_start[LANES], share_at_end[LANES];
+#endif
     for (int lane = 0; lane < LANES; lane++) {
         int i = min(first + lane, count - 1);
         int2 partner = partners ? partners[i] : (int2)(-1);
         start[lane] = at_end(r, i, partner.x, share);
         end[lane] = at_end(r, i, partner.y, share);
+#ifdef SHARED
+        share_at_start[lane] = shares[i].x;
+        share_at_end[lane] = shares[i].y;
+#endif
     }
     float16 at_start = vload16(0, start), at_stop = vload16(0, end);
     vstore16(SCALE(power16, at_start, width_exponent, SCALE_LIMIT), 0, found[0]);
     vstore16(SCALE(power16, at_stop, width_exponent, SCALE_LIMIT), 0, found[1]);
-    vstore16(SCALE(power16, at_start, -depth_exponent, SCALE_LIMIT), 0, found[2]);
-    vstore16(SCALE(power16, at_stop, -depth_exponent, SCALE_LIMIT), 0, found[3]);
+    float16 depth_at_start = SCALE(power16, at_start, -depth_exponent, SCALE_LIMIT);
+    float16 depth_at_stop = SCALE(power16, at_stop, -depth_exponent, SCALE_LIMIT);
+#ifdef SHARED
+    depth_at_start *= SHARED_DEPTH(at_start, depth_exponent, vload16(0, share_at_start));
+    depth_at_stop *= SHARED_DEPTH(at_stop, depth_exponent, vload16(0, share_at_end));
+#endif
+    vstore16(depth_at_start, 0, found[2]);
+    vstore16(depth_at_stop, 0, found[3]);
     for (int lane = 0; lane < min(LANES, count - first); lane++)
         scales[first + lane] =
             (float4)(found[0][lane], found[1][lane], found[2][lane], found[3][lane]);

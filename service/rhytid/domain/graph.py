@@ -29,8 +29,8 @@ LEAST_SIZE = 1e-9
 ORIGINAL = -1
 # The steepest end of an arc over its chord: what the drawing keeps its distances for (line.clh).
 STEEPEST = 0.8
-# The most of node_grain, node_undulation and node_patchiness.
-MOST_GRAIN = 16.0
+# The most of node_grain, node_undulation and node_patchiness, and of edge_share.
+MOST_GRAIN, MOST_SHARE = 16.0, 8.0
 MOST_SEED = 2**31 - 1
 # Rows checked at a time: what is computed on the way is in double.
 _ROWS = 1 << 20
@@ -56,6 +56,7 @@ _SHAPES: dict[str, tuple[tuple[int | None, ...], Any]] = {
     "edge_end_half_widths": ((None, 2), _F32),
     "edge_partners": ((None, 2), np.int32),
     "node_kind": ((None,), np.int32),
+    "edge_share": ((None,), _F32),
 }
 ARRAYS = tuple(_SHAPES)
 REQUIRED = ARRAYS[:6]
@@ -98,6 +99,10 @@ class WrinkleGraph:
     metric is of edge_half_width, and wider and narrower as these are.
     edge_partners (M, 2) i32: the wrinkle that goes on there, -1 for none; of copies, too.
 
+    edge_share (M,) f32 or None: how much of the shortening of skin each wrinkle takes, of what it
+    would take by itself, from 0 to MOST_SHARE: at log stretch r its depth is 1 - alpha_d (share -
+    1) r times as large, 0 to 4; None is 1 throughout.
+
     Radii, those of a metric too, half widths and lengths are at least LEAST_SIZE; radii and half
     widths at most 1. Raises GraphError naming the array and the first element that cannot be used.
     """
@@ -122,6 +127,7 @@ class WrinkleGraph:
     node_undulation: NDArray[np.float32] | None = None
     node_patchiness: NDArray[np.float32] | None = None
     node_kind: NDArray[np.int32] | None = None
+    edge_share: NDArray[np.float32] | None = None
     origin: GraphOrigin | None = None
 
     def __post_init__(self) -> None:
@@ -250,6 +256,8 @@ class WrinkleGraph:
             self._require(name, lambda share: (share >= 0) & (share <= MOST_GRAIN), rule)
         rule = f"from 0 to {MOST_KIND}"
         self._require("node_kind", lambda kind: (kind >= 0) & (kind <= MOST_KIND), rule)
+        rule = f"from 0 to {MOST_SHARE:g}"
+        self._require("edge_share", lambda share: (share >= 0) & (share <= MOST_SHARE), rule)
         rule = f"slopes within ±{STEEPEST:g}"
         self._require("edge_slopes", lambda slope: np.abs(slope) <= _F32(STEEPEST), rule)
         rule = f"-1 or the index of a wrinkle, at most {self.wrinkles - 1}"

@@ -56,7 +56,8 @@ class Region:
     pore_radius: of the radius of pores.  contrast: power of the weights.  grain: of the micro
     relief between lines.  undulation: of the broad swells.  folded: power of what folds make of the
     strength of lines, primary ones too: below 1 skin that folds is smoother at rest.  patchiness:
-    how far patches of some millimetres differ.  old: what age makes of these.
+    how far patches of some millimetres differ.  leading: of how far skin that folds has leaders, at
+    any age.  old: what age makes of the others.
     """
 
     density: float = 1.0
@@ -72,6 +73,7 @@ class Region:
     undulation: float = 1.0
     folded: float = 1.0
     patchiness: float = 1.0
+    leading: float = 1.0
     old: Old = Old()
 
 
@@ -101,6 +103,7 @@ REGIONS: dict[str, Region] = {
         grain=1.1,
         undulation=1.1,
         patchiness=0.7,
+        leading=0.4,
         old=Old(strength=1.2, anisotropy=1.5, pore_radius=1.15, contrast=1.15, grain=1.3),
     ),
     # The largest pores of the face, close together; lines so faint that pores stand alone.
@@ -114,6 +117,7 @@ REGIONS: dict[str, Region] = {
         grain=1.2,
         undulation=1.5,
         patchiness=0.9,
+        leading=0.25,
         old=Old(strength=1.3, anisotropy=1.0, pore_strength=1.2, contrast=1.1, grain=1.8),
     ),
     # Furrows across the lip, upright and deep, joined by faint ones; next to no pores to see.

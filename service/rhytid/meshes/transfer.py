@@ -304,6 +304,7 @@ def _strengths(graph: WrinkleGraph, wrinkles: _Wrinkles) -> dict[str, Any]:
         "edge_end_weights": weights,
         "edge_end_half_widths": np.clip(halves * ratio[:, None], LEAST_SIZE * 2, 1.0),
         "edge_partners": _partners(graph, rows),
+        **({} if graph.edge_share is None else {"edge_share": graph.edge_share[rows]}),
     }
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings, BinSettings, ResponseSettings
+from rhytid.domain.graph import WrinkleGraph
 from rhytid.pipeline.reach import SCALE_LIMIT
 
 # What bulges and overlaps may add to the deepest furrow, in units of depth.
@@ -50,6 +52,31 @@ def held(x: float, low: float, high: float) -> float:
     size, limit = abs(x), high if x > 0 else low
     past = min(max(size - 0.5 * limit, 0.0), limit)
     return math.copysign(min(size, 1.5 * limit) - past * past / (2.0 * limit), x)
+
+
+@dataclass(frozen=True)
+class ShareRange:
+    """The least and the most share (`edge_share`) of a graph's wrinkles."""
+
+    least: float = 1.0
+    most: float = 1.0
+
+    @classmethod
+    def of(cls, graph: WrinkleGraph) -> ShareRange:
+        """The range of a graph; 1 throughout where it has no shares."""
+        share = graph.edge_share
+        if share is None or not len(share):
+            return EVEN
+        return cls(float(share.min()), float(share.max()))
+
+    def deepest(self, response: ResponseSettings, r: float) -> float:
+        """How deep at log stretch r a wrinkle may be, of what it would be with share 1; at least 1
+        (SHARED_DEPTH of shares.clh)."""
+        shared = (1.0 - response.alpha_d * (s - 1.0) * r for s in (self.least, self.most))
+        return min(max(1.0, *shared), SCALE_LIMIT)
+
+
+EVEN = ShareRange()
 
 
 def depth_limits(settings: AssetSettings) -> list[float]:
@@ -114,11 +141,11 @@ def map_argument(index: int, count: int) -> NDArray[np.int32]:
     return np.array([index, count], np.int32)
 
 
-def quantisation_steps(settings: AssetSettings) -> NDArray[np.float32]:
+def quantisation_steps(settings: AssetSettings, shares: ShareRange = EVEN) -> NDArray[np.float32]:
     """(N + 1, M) displacement of one code, mesh units; the last row is the pore layer. M is that
     of the layer with most samples; rows of fewer end in zeros.
 
-    Known before anything is drawn, so that tiles can be made one at a time.
+    Known before anything is drawn, so that tiles can be made one at a time.  shares: of the graph.
     """
     assert settings.depth is not None
     bins = settings.bins
@@ -131,6 +158,9 @@ def quantisation_steps(settings: AssetSettings) -> NDArray[np.float32]:
                 for r in sample_stretches(settings, layer)
             ]
         )
+        if shares != EVEN and layer < bins.count:
+            stretches = sample_stretches(settings, layer)
+            depths *= [shares.deepest(settings.response, r) for r in stretches]
         step = settings.depth * (depths + HEADROOM) / code_limit(bins.bits)
         found[layer, : len(depths)] = step
     return found

@@ -20,7 +20,9 @@ from rhytid.domain.asset_settings import AssetSettings, BinSettings
 from rhytid.pipeline.bin_maker import BinTile
 from rhytid.pipeline.bins import (
     CODES,
+    EVEN,
     TILT_NODE,
+    ShareRange,
     code_limit,
     directions,
     map_count,
@@ -87,18 +89,24 @@ class Blend:
     """Blends tiles of precomputed maps of one asset."""
 
     def __init__(
-        self, device: Device, settings: AssetSettings, triangles: int, *, coarse: bool = False
+        self,
+        device: Device,
+        settings: AssetSettings,
+        triangles: int,
+        shares: ShareRange = EVEN,
+        *,
+        coarse: bool = False,
     ) -> None:
-        """triangles: how many the mesh has.  coarse: for the broad layer alone, which has no pores,
-        no grain and one sign."""
+        """triangles: how many the mesh has.  shares: of its graph.  coarse: for the broad layer
+        alone, which has no pores, no grain and one sign."""
         assert settings.depth is not None
-        steps = cushion_steps(settings) if coarse else quantisation_steps(settings)
+        steps = (cushion_steps if coarse else quantisation_steps)(settings, shares)
         self._cushion: Blend | None = None
         narrow_unit = unit_of(settings)
         if coarse:
             settings = cushion_settings(settings)
         elif settings.shape.cushion > 0.0:
-            self._cushion = Blend(device, settings, triangles, coarse=True)
+            self._cushion = Blend(device, settings, triangles, shares, coarse=True)
         self._settings, self._coarse = settings, coarse
         bins, response = settings.bins, settings.response
         self._device, self._bins, self._triangles = device, bins, triangles

@@ -18,6 +18,8 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.pipeline.bins import (
     CODES,
+    EVEN,
+    ShareRange,
     code_limit,
     drawn_depth_exponents,
     map_argument,
@@ -27,6 +29,7 @@ from rhytid.pipeline.bins import (
 )
 from rhytid.pipeline.cushion_layer import APRON, COARSE_BLOCK, LEAST_HALF_WIDTH, WIDENED
 from rhytid.pipeline.elements import UdimElements
+from rhytid.pipeline.shares import SharedSizes
 from rhytid.pipeline.vectors import VECTOR, squares
 from rhytid.pipeline.work import BLOCK, Square
 
@@ -65,10 +68,12 @@ def launch_cushion(
     square: tuple[int, int, int],
     *arguments: Any,
     defines: Mapping[str, object] | None = None,
+    sizes: Buffer | None = None,
 ) -> Buffer:
     """Run a kernel of cushion.cl over the coarse map around a square.
 
-    arguments: those that this kernel has beside the common ones.
+    arguments: those that this kernel has beside the common ones.  sizes: in place of those of the
+    elements.
     """
     cushion = elements.cushion
     assert cushion is not None
@@ -84,7 +89,7 @@ def launch_cushion(
     place = (row - APRON, column - APRON, side, assets // (factor * COARSE_BLOCK))
     device.launch(
         "cushion", kernel, (across * device.shape.lanes, down * parts),
-        segments, cushion.sizes, *others, *arguments, cushion.lists.offsets,
+        segments, sizes or cushion.sizes, *others, *arguments, cushion.lists.offsets,
         cushion.lists.members, _shape_values(settings),
         np.float32(settings.depth), np.array(place, np.int32), out,
         group=(device.shape.lanes, 1),
@@ -131,10 +136,11 @@ def cushion_layers(settings: AssetSettings) -> dict[str, tuple[int, ...]]:
     return {CUSHIONS: tuple(range(0, cushion_map_count(settings), bins.samples))}
 
 
-def cushion_steps(settings: AssetSettings) -> NDArray[np.float32]:
+def cushion_steps(settings: AssetSettings, shares: ShareRange = EVEN) -> NDArray[np.float32]:
     """`quantisation_steps` of the layer, from its depth and the number of lines that overlap in
     it."""
-    steps: NDArray[np.float32] = quantisation_steps(settings) * np.float32(range_of_codes(settings))
+    range_ = np.float32(range_of_codes(settings))
+    steps: NDArray[np.float32] = quantisation_steps(settings, shares) * range_
     return steps
 
 
@@ -147,11 +153,14 @@ def range_of_codes(settings: AssetSettings) -> float:
 class CushionBins:
     """Draws the precomputed maps of the broad layer of one UDIM."""
 
-    def __init__(self, device: Device, elements: UdimElements, settings: AssetSettings) -> None:
+    def __init__(
+        self, device: Device, elements: UdimElements, settings: AssetSettings, sizes: SharedSizes
+    ) -> None:
         self._device, self._elements, self._settings = device, elements, settings
+        self._sizes = sizes
         assert elements.cushion is not None
         self._factor = elements.cushion.factor
-        self._per_step = 1.0 / np.maximum(cushion_steps(settings), 1e-30)
+        self._per_step = 1.0 / np.maximum(cushion_steps(settings, elements.share_range), 1e-30)
         bins = settings.bins
         self._defines: dict[str, object] = {
             "CODE": CODES[bins.bits],
@@ -183,11 +192,11 @@ class CushionBins:
         scales = np.array([scale(response, r, response.alpha_w), depth], np.float32)
         pieces = self._pieces(square)
         if len(pieces) == 1:
-            return self._drawn(square, index, scales)
+            return self._drawn(square, index, scales, r)
         side = coarse_side(square[2], self._factor)
         heights = self._device.empty(side * side + MORE, np.float32)
         for piece in pieces:
-            part = self._drawn(piece, index, scales)
+            part = self._drawn(piece, index, scales, r)
             down, across = ((piece[i] - square[i]) // self._factor for i in (0, 1))
             part_side = coarse_side(piece[2], self._factor)
             self._device.copy_square(part, heights, (down * side + across, side), part_side, 4)
@@ -200,8 +209,10 @@ class CushionBins:
         elements, least = self._elements, BLOCK * self._factor
         return elements.work.cut(square, elements.bins_pace.most, square[2], least)
 
-    def _drawn(self, square: Square, index: int, scales: NDArray[np.float32]) -> Buffer:
+    def _drawn(self, square: Square, index: int, scales: NDArray[np.float32], r: float) -> Buffer:
+        cushion = self._elements.cushion
+        assert cushion is not None
         return launch_cushion(
             self._device, "cushion_bin", self._elements, self._settings, square,
-            self._elements.bins, np.int32(index), scales,
+            self._elements.bins, np.int32(index), scales, sizes=self._sizes.at(r, cushion.sizes),
         )  # fmt: skip

@@ -15,6 +15,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.tiles import udim_origin
+from rhytid.pipeline.bins import EVEN, ShareRange
 from rhytid.pipeline.cells import CellLists, Lists
 from rhytid.pipeline.copies import OriginBuffers, Origins, copied, copies_last, skews_of
 from rhytid.pipeline.cushion_layer import BroadLayer, CushionArrays, narrow_weight
@@ -44,7 +45,9 @@ class WrinkleArrays:
     by block.  stiffness (K,), or None: 1 throughout.  waves (K, 4): as in wave.clh; None where no
     wrinkle is wavy.  slopes (K, 2): as in line.clh; None where none bends or tapers.
     partners (K, 2) int32: the wrinkles that continue at both ends, -1 for none; None where no
-    wrinkle continues.
+    wrinkle continues.  shares (K, 2): as in Bends; None where all are 1.
+
+    share_range: of the shares of the whole graph.
 
     Wrinkles come in this order: first `even` ones, then S copies and wrinkles with a metric, then
     partners that do not reach into the UDIM and are in no list.  skews (S, 4): of the second group,
@@ -61,6 +64,8 @@ class WrinkleArrays:
     waves: NDArray[np.float32] | None = None
     slopes: NDArray[np.float32] | None = None
     partners: NDArray[np.int32] | None = None
+    shares: NDArray[np.float32] | None = None
+    share_range: ShareRange = EVEN
     skews: NDArray[np.float32] | None = None
     origins: Origins | None = None
     even: int = 0
@@ -131,6 +136,8 @@ def wrinkle_arrays(
         None if waves is None else waves[chosen] * np.array([size, 1, 1, 1], np.float32),
         None if bends is None else bends.slopes[chosen],
         partners,
+        None if bends is None or bends.shares is None else bends.shares[chosen],
+        ShareRange.of(graph),
         skews_of(graph, tail) if len(tail) else None,
         Origins.of(tail, graph.edge_copy_of, segments, triangle, stiffness),
         even,
@@ -255,6 +262,8 @@ class UdimElements:
         self.waves = _upload(device, wrinkles.waves)
         self.slopes = _upload(device, wrinkles.slopes)
         self.partners = _upload(device, wrinkles.partners)
+        self.shares = _upload(device, wrinkles.shares)
+        self.share_range = wrinkles.share_range
         self.skews = _upload(device, wrinkles.skews)
         self._even = wrinkles.even
         self.wrinkle_origins = OriginBuffers.upload(device, wrinkles.origins, wrinkles.even)

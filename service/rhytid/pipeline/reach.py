@@ -125,24 +125,27 @@ class Bends:
     """Values of M wrinkles at their first node and at their second, with settings applied.
 
     slopes, weights, half_widths (M, 2) float32, as in WrinkleGraph.  partners (M, 2) int32, or None
-    where the response does not ask for them.
+    where the response does not ask for them.  shares (M, 2) float32, those of
+    partners in part; None where all are 1.
     """
 
     slopes: NDArray[np.float32]
     weights: NDArray[np.float32]
     half_widths: NDArray[np.float32]
     partners: NDArray[np.int32] | None
+    shares: NDArray[np.float32] | None
 
 
 def bends_of(graph: WrinkleGraph, settings: AssetSettings) -> Bends | None:
-    """The bends of a graph's wrinkles; None where all are straight and even and respond by
-    themselves."""
+    """The bends of a graph's wrinkles; None where all are straight and even, respond by themselves
+    and take the same share."""
     shape = settings.shape
     slopes = _share(None, graph.edge_slopes, shape.curvature)
     weights = _share(graph.edge_weight, graph.edge_end_weights, shape.taper)
     half_widths = _share(graph.edge_half_width, graph.edge_end_half_widths, shape.taper)
     partners = _partners(graph) if settings.response.ends > 0 else None
-    if all(array is None for array in (slopes, weights, half_widths, partners)):
+    given = slopes, weights, half_widths, partners, graph.edge_share
+    if all(array is None for array in given):
         return None
     none = np.zeros((graph.wrinkles, 2), np.float32)
     return Bends(
@@ -150,7 +153,21 @@ def bends_of(graph: WrinkleGraph, settings: AssetSettings) -> Bends | None:
         _even(graph.edge_weight) if weights is None else weights,
         _even(graph.edge_half_width) if half_widths is None else half_widths,
         partners,
+        _shares(graph.edge_share, partners, settings.response.ends),
     )
+
+
+def _shares(
+    share: NDArray[np.float32] | None, partners: NDArray[np.int32] | None, ends: float
+) -> NDArray[np.float32] | None:
+    """(M, 2) shares (M,) at both ends: where a partner goes on, `ends` of the way to the mean."""
+    if share is None:
+        return None
+    found = _even(share)
+    if partners is not None:
+        mean = np.float32(0.5) * (found + share[np.maximum(partners, 0)])
+        found += np.float32(ends) * np.where(partners >= 0, mean - found, np.float32(0.0))
+    return found
 
 
 def straight_box(ends: NDArray[np.float32]) -> Box:

@@ -141,12 +141,13 @@ def _wrinkle_scales(
         yield scales.wrinkles
         return
     response, r = settings.response, device.empty(elements.wrinkles, np.float32)
+    shares = () if elements.shares is None else (elements.shares,)
     yield r
     device.launch(
         "ends", "respond_ends", (-(-elements.wrinkles // VECTOR),),
         r, elements.partners, np.int32(elements.wrinkles), np.float32(response.ends),
-        np.float32(response.alpha_w), np.float32(response.alpha_d), scales.wrinkles,
-        defines=response_defines(response.soft_limits),
+        np.float32(response.alpha_w), np.float32(response.alpha_d), *shares, scales.wrinkles,
+        defines={**response_defines(response.soft_limits), **({"SHARED": 1} if shares else {})},
     )  # fmt: skip
     r.release()
 

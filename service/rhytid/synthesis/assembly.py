@@ -16,6 +16,7 @@ from rhytid.synthesis.hashes import place_keys
 from rhytid.synthesis.lines import Lines, ends_of
 from rhytid.synthesis.pore_density import Usual
 from rhytid.synthesis.progress import Progress, row_blocks
+from rhytid.synthesis.ranks import Ranks, Strips
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.charts import trace
 from rhytid.synthesis.seams.copies import Arrays, with_copies
@@ -40,12 +41,14 @@ class EdgeStrengths:
     """Strengths of a candidate graph.
 
     strength (E,) float32: of all candidate edges.  hubs (H,) int32: the pores where primary lines
-    meet.  usual: means of even skin, which strengths are measured against.
+    meet.  usual: means of even skin, which strengths are measured against.  ranks: leaders, if skin
+    has any.
     """
 
     strength: NDArray[np.float32]
     hubs: NDArray[np.int32]
     usual: Usual
+    ranks: Ranks | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +79,9 @@ class GraphParts:
         depth, metric, radius = self._shapes_of_pores(drawn_strength, progress)
         progress(0.8, "shapes")
         none = np.zeros(len(lines.owner), np.float32)
-        ends = ends_of(ground, pores, lines, weight, half_width, width)
+        ranks = self.strengths.ranks
+        leads = None if ranks is None else ranks.leads[lines.edge]
+        ends = ends_of(ground, pores, lines, weight, half_width, width, leads)
         progress(0.9, "shapes")
         arrays = {
             "node_uv": np.concatenate([pores.uv, lines.beyond]),
@@ -92,6 +97,7 @@ class GraphParts:
             "edge_copy_of": lines.copy_of,
             "edge_metric": np.zeros((len(weight), 3), np.float32),
             **ends.arrays(),
+            **self._shares(weight, width),
         }
         beside = self._beside()
         if self.events is not None:
@@ -112,6 +118,23 @@ class GraphParts:
                 every = np.concatenate([every, factor(at.triangle, at.uv)])
             found[name] = every
         return found
+
+    def _shares(self, weight: NDArray[np.float32], width: NDArray[np.float32]) -> Arrays:
+        """The array `edge_share`, if there are leaders.  weight, width (W,): of lines, the half
+        width on the surface."""
+        ranks, lines, position = self.strengths.ranks, self.lines, self.pores.position
+        if ranks is None:
+            return {}
+        first = np.flatnonzero(lines.copy_of == ORIGINAL)
+        pores = lines.pores[first]
+        length = np.linalg.norm(position[pores[:, 1]] - position[pores[:, 0]], axis=1)
+        mass = length * weight[first] * width[first]
+        share = np.empty(len(weight), np.float32)
+        strips = Strips(lines.edge[first], pores, weight[first], mass, position, self.spacing)
+        share[first] = ranks.shares(strips)
+        second = np.flatnonzero(lines.copy_of != ORIGINAL)
+        share[second] = share[lines.copy_of[second]]
+        return {"edge_share": share}
 
     def _shapes_of_pores(
         self, strengths: NDArray[np.float32], progress: Progress
@@ -136,6 +159,8 @@ class GraphParts:
             lines.pores[first], strengths, meeting, relative, key, self.seed
         )
         size *= np.float32(shapes.PORE_SIZE * self.spacing)
+        if self.strengths.ranks is not None:
+            depth *= self.strengths.ranks.of_pores
         _scale(depth, fields.pore_strength(pores.triangle, pores.uv))
         if self.events is not None:
             _scale(depth, self.events.fading(surface, pores.triangle, pores.uv))
@@ -149,7 +174,7 @@ class GraphParts:
         """(W,) each, of lines: weights, factors by which these are still to be multiplied, and half
         widths in UV and on the surface."""
         ground, lines, spacing, fields = self.ground, self.lines, self.spacing, self.ground.fields
-        chosen = self.strengths.strength[lines.edge]
+        chosen, ranks = self.strengths.strength[lines.edge], self.strengths.ranks
         uv = np.concatenate([self.pores.uv, lines.beyond])
         weight, factor, half_width, wide = (np.empty(len(chosen), np.float32) for _ in range(4))
         for rows in row_blocks(len(chosen)):
@@ -157,7 +182,12 @@ class GraphParts:
             triangle, step = lines.triangle[rows], lines.step[rows]
             middle = uv[lines.nodes[rows, 0]] + np.float32(0.5) * step
             weight[rows] = shapes.edge_weights(chosen[rows], self.strengths.usual.strength)
-            width = shapes.widths(weight[rows], spacing) * fields.width(triangle, middle)
+            width = shapes.widths(weight[rows], spacing)
+            if ranks is not None:
+                ranked = ranks.of_lines(lines.edge[rows], lines.pores[rows])
+                weight[rows] = np.where(ranked.leads, ranked.weight, weight[rows])
+                width = np.where(ranked.leads, ranked.width * np.float32(spacing), width)
+            width *= fields.width(triangle, middle)
             wide[rows] = width
             half_width[rows] = shapes.half_widths_uv(ground.surface, triangle, step, width)
             factor[rows] = fields.strength(triangle, middle)
@@ -169,6 +199,8 @@ class GraphParts:
                 )
             if fields.some_contrast:
                 factor[rows] *= weight[rows] ** (fields.contrast(triangle, middle) - 1.0)
+            if ranks is not None:
+                factor[rows] *= ranked.factor
         second = np.flatnonzero(lines.copy_of != ORIGINAL)
         factor[second] = factor[lines.copy_of[second]]  # both halves across a seam are one wrinkle
         return weight, factor, half_width, wide

@@ -13,8 +13,9 @@ from rhytid.synthesis.fields import Directions, Fields
 from rhytid.synthesis.incidence import KEPT, NEEDED, Incidence, chosen
 from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.pore_density import LENGTH, edges_per_pore
-from rhytid.synthesis.pores import scatter_pores
+from rhytid.synthesis.pores import scatter_around
 from rhytid.synthesis.progress import Progress, part
+from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.surface import Points, Surface
 from rhytid.synthesis.trails import Paths, Walks, wear
 from rhytid.synthesis.workspace import Workspace
@@ -30,13 +31,16 @@ _CLASS = 1024.0
 class Ground:
     """A surface with its fields and a workspace on the device, to make candidate graphs on.
 
-    across: (F, 3) neighbours of the triangles.
+    across: (F, 3) neighbours of the triangles.  borders: of the charts; None where nothing is to
+    cross them.  unit: of the mesh, None where it is not known.
     """
 
     work: Workspace
     surface: Surface
     across: NDArray[np.int32]
     fields: Fields
+    borders: Borders | None = None
+    unit: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +48,8 @@ class CandidateGraph:
     """Pores and the candidate edges between them.
 
     crossings: (P, 2) pairs of edges that cross.  lattice: of the places of pores.  length, degree:
-    on even skin, the mean length of edges and their number per pore.
+    on even skin, the mean length of edges and their number per pore.  first (L,): the pores that
+    were there first.
     """
 
     pores: Points
@@ -53,20 +58,29 @@ class CandidateGraph:
     lattice: Lattice
     length: float
     degree: float
+    first: NDArray[np.int32]
 
     @classmethod
     def build(
-        cls, ground: Ground, radius: float, count: int, seed: int, progress: Progress
+        cls,
+        ground: Ground,
+        radius: float,
+        count: int,
+        seed: int,
+        progress: Progress,
+        first: Points | None = None,
     ) -> CandidateGraph:
-        """Pores at least `radius` apart, each joined to its `count` nearest."""
+        """Pores at least `radius` apart, around those that are there first, each joined to its
+        `count` nearest."""
         work, surface, fields = ground.work, ground.surface, ground.fields
-        pores = scatter_pores(work, surface, radius, seed, part(progress, 0.0, 0.64), fields)
+        scattering = part(progress, 0.0, 0.64)
+        pores, at = scatter_around(work, surface, radius, seed, scattering, fields, first)
         joining, crossing = part(progress, 0.64, 0.79), part(progress, 0.79, 0.97)
         edges = candidates(work, surface, ground.across, pores, radius, count, joining, fields)
         lattice = Lattice.absolute(radius, *surface.extent)
         found = crossings(work, pores, edges.nodes, edges.length, crossing, lattice)
         progress(0.97, "crossings")
-        return cls(pores, edges, found, lattice, LENGTH * radius, edges_per_pore(count))
+        return cls(pores, edges, found, lattice, LENGTH * radius, edges_per_pore(count), at)
 
     def paths(
         self, work: Workspace, directions: Directions, fields: Fields, progress: Progress
@@ -79,11 +93,20 @@ class CandidateGraph:
         )
 
     def worn(
-        self, work: Workspace, paths: Paths, seed: int, walks: Walks, progress: Progress
+        self,
+        work: Workspace,
+        paths: Paths,
+        seed: int,
+        walks: Walks,
+        progress: Progress,
+        worn: NDArray[np.float32] | None = None,
     ) -> NDArray[np.float32]:
-        """(E,) the strength that walkers give each edge; the mean is near 1 on even skin."""
+        """(E,) the strength that walkers give each edge; the mean is near 1 on even skin.
+
+        worn (E,): strengths that the first of them find.
+        """
         progress(0.0, "trails")
-        return wear(work, paths, self.crossings, seed, self.degree, walks, progress)
+        return wear(work, paths, self.crossings, seed, self.degree, walks, progress, worn)
 
 
 def priorities(

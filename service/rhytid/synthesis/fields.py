@@ -34,8 +34,8 @@ class Fields:
     least_spacing, most_spacing: limits of `spacing`, above 0. Two pores stand apart by the radius
     times the mean of their factors.  detail: UV length within which spacing and bareness hardly
     change.  some_bare: whether `bare` is true anywhere.  some_contrast: whether `contrast` differs
-    from 1 anywhere.  usual_pore_radius: `pore_radius` where nothing is painted.  most_events: of
-    `events`.
+    from 1 anywhere.  some_leading: whether `leading` differs from 0 anywhere.  usual_pore_radius:
+    `pore_radius` where nothing is painted.  most_events: of `events`.
     """
 
     least_spacing = 1.0
@@ -43,6 +43,7 @@ class Fields:
     detail = float("inf")
     some_bare = False
     some_contrast = False
+    some_leading = False
     usual_pore_radius = 1.0
     most_events = 1.0
 
@@ -75,6 +76,10 @@ class Fields:
     def primary(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the strength of primary lines."""
         return np.ones(len(triangle), np.float32)
+
+    def leading(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin has leaders, few long deep lines: 0 not at all, 1 as far as any."""
+        return np.zeros(len(triangle), np.float32)
 
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians by which the preferred direction turns left, seen from outside."""

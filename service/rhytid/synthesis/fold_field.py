@@ -33,6 +33,11 @@ _CERTAIN, _ECCENTRIC = 0.16, 0.2
 # Strength of lines where skin never folds, and where it folds most; the same of primary lines.
 _FAINT, _DEEP, _POWER = 0.62, 1.5, 0.8
 _FAINT_PRIMARY, _DEEP_PRIMARY = 0.55, 1.6
+# Shares of what can be between which skin begins to have leaders, and the same of eccentricities.
+_LEADS, _ONE_WAY = (0.06, 0.4), (0.05, 0.35)
+# Where leaders lead, the lines between them cross each other: how far these keep to a direction,
+# how far they go there from what they would be, and what primary lines lose, at rank 1.
+_BETWEEN, _LOOSENED, _LED = 0.7, 0.8, 0.6
 # How much age changes skin that folds.
 AGEING = ("strength", "width", "primary")
 # How far lines keep to a direction that nothing folds: a criss-cross.
@@ -43,10 +48,17 @@ class FoldField:
     """The folds of a mesh at points of its surface.
 
     regions: names of the masks that come with the folds.  detail: UV length within which a mask
-    changes little.  age: of the skin, years.
+    changes little.  age: of the skin, years.  rank: how far its lines come in orders.
     """
 
-    def __init__(self, mesh: Mesh, surface: Surface, folds: Folds, age: float = USUAL_AGE) -> None:
+    def __init__(
+        self,
+        mesh: Mesh,
+        surface: Surface,
+        folds: Folds,
+        age: float = USUAL_AGE,
+        rank: float = 0.0,
+    ) -> None:
         self._surface, self._faces, self._tensor = surface, mesh.faces, folds.tensor
         self._masks, self.regions = folds.regions, tuple(folds.regions)
         size, eccentricity, _ = folds.axes()
@@ -60,17 +72,25 @@ class FoldField:
         }
         known = {n: np.where(f < 1.0, 1.0 - folds.known * (1.0 - f), f) for n, f in found.items()}
         known |= {"width": np.ones(len(share))}
+        leading = _ramp(_within(share, _LEADS)) * _ramp(_within(eccentricity, _ONE_WAY))
+        if rank > 0:
+            led = min(rank, 1.0) * leading
+            loose = np.minimum(_BETWEEN - known["anisotropy"], 0.0)
+            known["anisotropy"] = known["anisotropy"] + _LOOSENED * led * loose
+            known["primary"] = known["primary"] * (1.0 - _LED * led)
         for name in AGEING if age != USUAL_AGE else ():
             known[name] = known[name] * np.exp(fold_factor_log(name, age) * share)
         self._certainty = certainty.astype(np.float32)
-        self._planes = {n: self._planes_of(v) for n, v in {**known, "certainty": certainty}.items()}
+        known |= {"certainty": certainty, "leading": leading}
+        self._planes = {n: self._planes_of(v) for n, v in known.items()}
         used = np.flatnonzero(surface.carries)
         extent = np.ptp(surface.uv[used], axis=1).max(axis=1)
         self.detail = float(np.median(extent)) if folds.regions else float("inf")
 
     def factor(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """(N,) a property of lines by its name: the factor of their `strength`, `anisotropy` or
-        `width`, that of `primary` lines, or the `certainty` of their direction, from 0 to 1."""
+        `width`, that of `primary` lines; or, from 0 to 1, the `certainty` of their direction, or
+        how far they have leaders (`leading`)."""
         return self.at(self._planes[name], triangle, uv)
 
     def mixed(self, values: Mapping[str, float], base: float) -> Planes:
@@ -148,6 +168,11 @@ def _places(surface: Surface, triangle: NDArray[Any], uv: NDArray[Any]) -> Float
     np.maximum(share, 0.0, out=share)
     share /= share.sum(axis=1, keepdims=True)
     return share
+
+
+def _within(value: FloatArray, span: tuple[float, float]) -> FloatArray:
+    """0 at the start of a span, 1 at its end."""
+    return (value - span[0]) / (span[1] - span[0])
 
 
 def _ramp(value: FloatArray) -> FloatArray:

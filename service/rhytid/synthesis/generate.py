@@ -22,6 +22,7 @@ from rhytid.synthesis.events import Events, events_of
 from rhytid.synthesis.fields import Directions, Fields
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.incidence import independent_set
+from rhytid.synthesis.leaders import LeaderPores, Leaders, leaders_of
 from rhytid.synthesis.lines import draw
 from rhytid.synthesis.painted_fields import fields_of
 from rhytid.synthesis.patches import Patches
@@ -35,6 +36,7 @@ from rhytid.synthesis.pore_density import (
 from rhytid.synthesis.pores import packed_radius
 from rhytid.synthesis.primary_lines import Primary, has_primary_lines, with_primary_lines
 from rhytid.synthesis.progress import Progress, part, rising, silent
+from rhytid.synthesis.ranks import Ranks
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.charts import neighbours
 from rhytid.synthesis.statistics import mean_spacing
@@ -102,17 +104,19 @@ def synthesize(
     report = rising(progress)
     report(0.0, "pores")
     surface, across = Surface.of(mesh), neighbours(mesh)
-    folding = None if folds is None else FoldField(mesh, surface, folds, settings.age)
+    folding = (
+        None if folds is None else FoldField(mesh, surface, folds, settings.age, settings.rank)
+    )
     patches = Patches.of(surface, settings, unit)
     plain = fields_of(surface, settings, None, folding, patches)
     uneven = fields is not None or (controls is not None and controls.grow)
     fields = fields or fields_of(surface, settings, controls, folding, patches)
     wrinkles_in_all(surface, settings, fields, device.budget.limit)
     with Workspace(device, call) as work:
-        ground = Ground(work, surface, across, fields)
+        borders = Borders.of(mesh, surface, across)
+        ground = Ground(work, surface, across, fields, borders, unit)
         skin, cut = _skin(ground, plain if uneven else fields, settings, part(report, 0.0, 0.94))
         distance = mean_spacing(work, skin.net.pores)[0] * surface.scale
-        borders = Borders.of(mesh, surface, across)
         events = events_of(surface, fields, settings, skin.spacing)
         graph = skin.drawn(ground, borders, cut, settings.start, part(report, 0.95, 1.0), events)
     report(1.0, "shapes")
@@ -190,13 +194,16 @@ def _grown_to_count(
     """
     radius = packed_radius(ground.surface, ground.fields, count / EDGES_PER_PORE)
     check_radius(ground.surface, settings, radius, ground.fields.least_spacing)
+    leaders = leaders_of(ground, SPACING * radius, settings)
     for _ in range(ATTEMPTS):
-        building = part(progress, 0.0, 0.5)
-        net = CandidateGraph.build(ground, radius, settings.neighbours, settings.start, building)
+        building, first = part(progress, 0.0, 0.5), _pores_on(leaders, radius)
+        net = CandidateGraph.build(
+            ground, radius, settings.neighbours, settings.start, building, first.points
+        )
         drawable = independent_set(ground.work, net.edges.length, net.crossings)
         lines = int(drawable.sum())
         if lines >= count:
-            skin = _worn(ground, net, radius, settings, part(progress, 0.5, 1.0))
+            skin = _worn(ground, net, first, radius, settings, part(progress, 0.5, 1.0))
             return skin, Cut.at_count(net.edges, skin.priority, count)
         radius *= 0.97 * float(np.sqrt(max(lines / count, 0.5)))
     setting, more = "wrinkles", "more wrinkles"
@@ -213,16 +220,30 @@ def _grown_at_spacing(
 ) -> Skin:
     """Skin with pores `radius` apart, in units of the surface, times the spacing of its fields."""
     check_radius(ground.surface, settings, radius, ground.fields.least_spacing)
+    first = _pores_on(leaders_of(ground, SPACING * radius, settings), radius)
+    building = part(progress, 0.0, 0.5)
     net = CandidateGraph.build(
-        ground, radius, settings.neighbours, settings.start, part(progress, 0.0, 0.5)
+        ground, radius, settings.neighbours, settings.start, building, first.points
     )
-    return _worn(ground, net, radius, settings, part(progress, 0.5, 1.0))
+    return _worn(ground, net, first, radius, settings, part(progress, 0.5, 1.0))
+
+
+def _pores_on(leaders: Leaders | None, radius: float) -> LeaderPores:
+    return LeaderPores.none() if leaders is None else leaders.pores(radius)
 
 
 def _worn(
-    ground: Ground, net: CandidateGraph, radius: float, settings: GraphSettings, progress: Progress
+    ground: Ground,
+    net: CandidateGraph,
+    leaders: LeaderPores,
+    radius: float,
+    settings: GraphSettings,
+    progress: Progress,
 ) -> Skin:
-    """The skin of a net: strengths of its edges, by walkers and primary lines."""
+    """The skin of a net: strengths of its edges, by leaders, walkers and primary lines."""
+    ranks = None
+    if len(leaders):
+        ranks = Ranks.of(net, leaders, ground.fields, SPACING * radius, settings)
     rng = np.random.Generator(np.random.PCG64(settings.start))
     directions = Directions(SPACING * radius, rng, ground.fields)
     building = part(progress, 0.0, 0.07)
@@ -231,10 +252,14 @@ def _worn(
     )
     with ground.work.nested() as nested:
         paths = net.paths(nested, directions, ground.fields, part(progress, 0.07, 0.15))
-        strength = net.worn(nested, paths, settings.start, FINE, part(progress, 0.15, 0.94))
+        wearing, worn = part(progress, 0.15, 0.94), None if ranks is None else ranks.worn()
+        strength = net.worn(nested, paths, settings.start, FINE, wearing, worn)
         progress(0.94, "trails")
         weight, hubs = primary.laid(ground, net, paths, radius)
     usual = WITH_PRIMARY if has_primary_lines(ground.surface, radius) else WITHOUT_PRIMARY
-    found = EdgeStrengths(with_primary_lines(strength, weight), hubs, usual)
+    strength = with_primary_lines(strength, weight)
+    if ranks is not None:
+        strength = ranks.raised(strength)
+    found = EdgeStrengths(strength, hubs, usual, ranks)
     priority = priorities(ground.work, net, found.strength, part(progress, 0.95, 1.0))
     return Skin(net, radius, found, priority)

@@ -49,6 +49,11 @@ def normals(key: Words, salt: int, seed: int) -> NDArray[np.float32]:
     return deviates
 
 
+def unit_intervals(key: Words, salt: int, seed: int) -> tuple[NDArray[np.float32], ...]:
+    """Four times (N,) numbers in (0, 1), evenly spread; arguments as of `normals`."""
+    return tuple(unit_interval(word) for word in random4(key, salt, seed, 1))
+
+
 def unit_interval(word: Words) -> NDArray[np.float32]:
     """(N,) numbers in (0, 1) from random words (N,)."""
     found: NDArray[np.float32] = (word >> np.uint32(9)).astype(np.float32)

@@ -20,9 +20,9 @@ from rhytid.synthesis.edges import DEFINES
 from rhytid.synthesis.incidence import Incidence
 from rhytid.synthesis.progress import row_blocks
 from rhytid.synthesis.seams.borders import NONE, Borders
-from rhytid.synthesis.seams.charts import BORDER, SIDES, Halves, halves
+from rhytid.synthesis.seams.charts import BORDER, Halves, halves, side_at
 from rhytid.synthesis.shapes import WIDE, half_widths_uv
-from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, cross, unit
+from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, unit
 
 Indices = NDArray[np.int32]
 # A wrinkle whose far pore, laid flat, is so much nearer or farther than on the surface is cut at
@@ -36,6 +36,8 @@ LEAST_COSINE = 0.5
 ON_OTHERS, ALONE = (0.6, 0.8), (0.0, 0.5)
 # What the kernel answers for an end with no partner, where others meet; one less where none do.
 NOTHING = -1
+# What lines that go before others are heavier by: more than any weight.
+_BEFORE = np.float32(4.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +125,7 @@ def _laid_flat(
     """(S, 2) UV steps to the second pore with the two triangles at the seam laid flat, (S,) whether
     that step is known, and (S, 2, 2) how steps at that pore turn with the triangles."""
     surface, (owner, other) = ground.surface, nodes.T
-    row = borders.row[half.last, _side_at(surface.uv[half.last], half.exit_uv)]
+    row = borders.row[half.last, side_at(surface.uv[half.last], half.exit_uv)]
     mate = np.where(row == NONE, NONE, borders.mate[row])
     landing = borders.chart[borders.triangle[mate]]
     known = (mate != NONE) & (landing == borders.chart[pores.triangle[other]])
@@ -137,15 +139,6 @@ def _laid_flat(
     known &= (flat < _BEND * length) & (length < _BEND * flat)
     turn = borders.turn_from_mate(known_row)
     return np.where(known[:, None], step, half.step), known, turn
-
-
-def _side_at(corners: FloatArray, uv: FloatArray) -> IntArray:
-    """(S,) the side of each triangle (S, 3, 2) that goes through a point (S, 2) on its rim."""
-    start, stop = corners[:, SIDES[:, 0]], corners[:, SIDES[:, 1]]
-    along = stop - start
-    off = np.abs(cross(along, uv[:, None] - start)) / np.linalg.norm(along, axis=-1)
-    side: IntArray = np.argmin(off, axis=1)
-    return side
 
 
 def _over_the_border(ground: Ground, pores: Points, nodes: Indices, spacing: float) -> FloatArray:
@@ -184,15 +177,18 @@ def ends_of(
     weight: Singles,
     half_width: Singles,
     width: Singles,
+    leads: BoolArray | None = None,
 ) -> Ends:
     """The values of the stored lines at their ends, and the lines that continue them there.
 
     weight, half_width (W,): of each line.  width (W,): half width on the surface. Where a line
     continues another, both have the means of the two at their common pore. A line that ends on
-    others, or alone, has less there. At a seam a line goes straight over to its other half.
+    others, or alone, has less there.  leads (W,): lines that continue one another before all
+    others do. At a seam a line goes straight over to its other half.
     """
     wholes = _WholeWrinkles.of(lines)
-    partner, slope = _paired(ground, pores, lines, wholes, weight)
+    before = weight if leads is None else weight + _BEFORE * leads
+    partner, slope = _paired(ground, pores, lines, wholes, before)
     slopes = np.zeros((len(weight), 2), np.float32)
     partners = np.full((len(weight), 2), NOTHING, np.int32)
     slopes[wholes.row, wholes.place] = slope

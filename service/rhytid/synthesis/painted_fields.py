@@ -86,6 +86,7 @@ class PaintedFields(Fields):
         known = regions(settings.anatomy)
         self._skin = {name: aged(region, settings.age) for name, region in known.items()}
         self.some_contrast = settings.age != USUAL_AGE
+        self.some_leading = folds is not None
         maps = controls.maps
         self._maps = {
             name: PaintedMaps(surface, maps[name]) for name in maps if name != "direction"
@@ -183,6 +184,12 @@ class PaintedFields(Fields):
         if self._some_folded:
             factor **= self._region("folded", triangle, uv)
         return factor
+
+    def leading(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin has leaders: as the folds say, less in some regions."""
+        if self._folds is None:
+            return super().leading(triangle, uv)
+        return self._folds.factor("leading", triangle, uv) * self._region("leading", triangle, uv)
 
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians to the left from the level direction. Painted directions, then folds, take the

@@ -43,7 +43,21 @@ def scatter_pores(
     progress: Progress,
     fields: Fields | None = None,
 ) -> Points:
-    """Scatter pores at least `radius` apart, so dense that hardly any more would fit.
+    """The pores of `scatter_around` where none are given."""
+    return scatter_around(work, surface, radius, seed, progress, fields or Fields(), None)[0]
+
+
+def scatter_around(
+    work: Workspace,
+    surface: Surface,
+    radius: float,
+    seed: int,
+    progress: Progress,
+    fields: Fields,
+    first: Points | None,
+) -> tuple[Points, NDArray[np.int32]]:
+    """Scatter pores at least `radius` apart, so dense that hardly any more would fit. Returns them,
+    and (L,) which of them are the `first`, pores that are there whatever their distance.
 
     radius: in units of the surface; where `fields` has spacing factors, times the mean of those of
     the two pores. Distances are Euclidean; sheets that touch face to face (lips, eyelids) are told
@@ -54,11 +68,12 @@ def scatter_pores(
     depends on the place of each triangle in the map, its area and what is painted nearby, not on
     the size of a batch. Pores come in spatial order.
     """
-    fields = fields or Fields()
     with work.nested() as nested:
         darts = Darts(nested, surface, fields, radius, seed, BATCH)
         a_room = PACKING / radius**2
         selection = DartSelection(nested, darts, radius, fields, a_room * darts.filled)
+        if first is not None and len(first):
+            selection.start_with(first, spacings(fields, first.triangle, first.uv))
         every = sum(DARTS) * a_room * darts.room
         done = 0
         for turn, share in enumerate(DARTS):
@@ -66,7 +81,9 @@ def scatter_pores(
                 progress(min(done / every, 1.0), "pores")
                 selection.take(thrown)
                 done += thrown.count
-        return selection.points()
+        points, order = selection.points()
+    place = np.argsort(order)[: 0 if first is None else len(first)]
+    return points, place.astype(np.int32)
 
 
 def packed_radius(surface: Surface, fields: Fields, pores: float) -> float:
@@ -90,6 +107,19 @@ class DartSelection:
         self._scale = float(self._lattice.unit / reach)
         self._kept, self._grid = self._empty(int(1.1 * expected) + _SPARE)
 
+    def start_with(self, pores: Points, factor: NDArray[np.float32]) -> None:
+        """Keep pores before any dart.  factor (L,): of the spacing at each."""
+        upload, count = self._work.upload, len(pores)
+        arrays = (
+            pores.triangle.astype(np.int32), self._lattice.places(pores.position),
+            pores.normal.astype(np.float32), pores.uv.astype(np.float32), factor,
+        )  # fmt: skip
+        triangle, place, normal, uv, factors = (upload(array) for array in arrays)
+        none = upload(np.zeros(count, np.uint32))
+        throw = Throw(count, triangle, place, normal, uv, factors, none, none)
+        self._add(throw, np.arange(count, dtype=np.int32))
+        self._work.release(triangle, place, normal, uv, factors, none)
+
     def take(self, darts: Throw) -> None:
         """Keep those darts of a throw that fit."""
         room = self._work.empty(darts.count, np.uint8)
@@ -103,15 +133,15 @@ class DartSelection:
         if len(fitting):
             self._add(darts, self._thinned(darts, fitting.astype(np.int32)))
 
-    def points(self) -> Points:
-        """The pores in spatial order."""
+    def points(self) -> tuple[Points, NDArray[np.intp]]:
+        """The pores in spatial order, and (N,) that order of those that were kept."""
         read, count = self._work.read, self.count
         place = read(self._kept.place, (count, 3), np.int32)
         order = spatial_order(place)
         triangle = read(self._kept.triangle, (count,), np.int32)[order]
         uv = read(self._kept.uv, (count, 2), np.float32)[order]
         normal = read(self._kept.normal, (count, 3), np.float32)[order]
-        return Points(triangle, uv, self._lattice.positions(place[order]), unit(normal))
+        return Points(triangle, uv, self._lattice.positions(place[order]), unit(normal)), order
 
     def _thinned(self, darts: Throw, fitting: NDArray[np.int32]) -> NDArray[np.int32]:
         """The fitting darts that are kept when they come in the order of priority."""

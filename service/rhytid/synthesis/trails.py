@@ -7,7 +7,7 @@ its edges; all edges decay.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -84,14 +84,18 @@ def wear(
     degree: float,
     walks: Walks,
     progress: Progress,
+    worn: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float32]:
     """Let walkers wear trails into edges: (E,) the strength of each, never 0, on even skin near 1
     in the mean.
 
-    crossings: (P, 2) pairs of edges that cross.  degree: edges per pore of even skin.
+    crossings: (P, 2) pairs of edges that cross.  degree: edges per pore of even skin.  worn (E,):
+    strengths that the first walkers find, none without it.
     """
     with work.nested() as nested:
         trails = _Trails.of(nested, paths, crossings, seed, degree, walks)
+        if worn is not None:
+            trails = replace(trails, strength=nested.upload(worn))
         for done in range(walks.rounds):
             share = part(progress, done / walks.rounds, (done + 1) / walks.rounds)
             trails.round(done, share)

@@ -97,7 +97,7 @@ class FrameBench:
         self._frame = self._stage.run(
             deformed, self._limit, angles=settings.angles, soft=self._soft
         )
-        self._blend = Blend(device, settings, len(mesh.faces))
+        self._blend = Blend(device, settings, len(mesh.faces), self._wrinkles.share_range)
         self._convolve = Convolve(device, mesh)
         shares = relief_shares(mesh, graph, pore)
         self._grains = Grains(device, mesh, self._located, settings, shares)

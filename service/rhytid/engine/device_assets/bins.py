@@ -25,6 +25,7 @@ from rhytid.pipeline.bins import (
     TILT_NODE,
     TILT_SHARE,
     TILTS,
+    ShareRange,
     code_limit,
     layers,
     map_count,
@@ -117,8 +118,9 @@ class DeviceBins:
 
     def manifest(self) -> BinManifest:
         """The manifest that clients need to blend the maps (docs/binned.md)."""
-        settings = self._base.settings
-        found = _manifest(settings, self._base.cushion_factor)
+        base = self._base
+        settings = base.settings
+        found = _manifest(settings, base.cushion_factor, base.shares)
         if (tallest := self._events.tallest) == 0.0:
             return found
         exponent = EVENT_ANSWER * settings.response.beta_d
@@ -183,9 +185,11 @@ class DeviceBins:
         return maker.tile(*base.square(address))
 
 
-def _manifest(settings: AssetSettings, cushion_factor: int | None) -> BinManifest:
+def _manifest(
+    settings: AssetSettings, cushion_factor: int | None, shares: ShareRange
+) -> BinManifest:
     """The manifest of an asset with resolved settings.  cushion_factor: texels to a sample of the
-    cushions."""
+    cushions.  shares: of its graph."""
     assert settings.depth is not None
     bins, response = settings.bins, settings.response
     factored = {"wrinkles": response.alpha_d, "pores": response.beta_d}
@@ -194,7 +198,7 @@ def _manifest(settings: AssetSettings, cushion_factor: int | None) -> BinManifes
         angles=tuple(float(np.pi * n / bins.count) for n in range(bins.count)),
         samples=tuple(sample_stretches(settings).tolist()),
         pore_samples=tuple(sample_stretches(settings, -1).tolist()),
-        steps=_steps(settings),
+        steps=_steps(settings, shares),
         bits=bins.bits,
         merge=bins.merge,
         depth_factored=bins.depth_factored,
@@ -225,8 +229,8 @@ def _layers(settings: AssetSettings) -> dict[str, int]:
     return {**found, GRAIN: 1} if relief(settings) > 0.0 else found
 
 
-def _steps(settings: AssetSettings) -> dict[str, tuple[float, ...]]:
-    bins, steps = settings.bins, quantisation_steps(settings)
+def _steps(settings: AssetSettings, shares: ShareRange) -> dict[str, tuple[float, ...]]:
+    bins, steps = settings.bins, quantisation_steps(settings, shares)
     wrinkles, pores = (
         tuple(steps[layer, : bins.layer_samples[layer]].tolist()) for layer in (0, -1)
     )
@@ -234,7 +238,7 @@ def _steps(settings: AssetSettings) -> dict[str, tuple[float, ...]]:
     if bins.tilt:
         found[TILTS] = (1.0 / code_limit(bins.bits),)
     for name in cushion_layers(settings):
-        found[name] = tuple(cushion_steps(settings)[0, : bins.samples].tolist())
+        found[name] = tuple(cushion_steps(settings, shares)[0, : bins.samples].tolist())
     if relief(settings) > 0.0:
         found[GRAIN] = (grain_amplitude(settings),)
     return found

@@ -21,6 +21,7 @@ from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import NotFoundError
+from rhytid.pipeline.bins import EVEN, ShareRange
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.convolve import Convolve, SmoothConvolve
 from rhytid.pipeline.cushion_layer import APRON
@@ -72,6 +73,7 @@ class DeviceMesh:
         self.elements: dict[int, UdimElements] = {}
         self.pore_triangle = self._wrinkle_triangle = np.zeros(0, np.int32)
         self._blend: Blend | None = None
+        self.shares = EVEN
         self._pore_stiffness: NDArray[np.float32] | None = None
         self._wrinkle_stiffness: NDArray[np.float32] | None = None
         self.relief_shares: NDArray[np.float32] | None = None
@@ -109,6 +111,7 @@ class DeviceMesh:
 
     def locate(self, graph: WrinkleGraph) -> None:
         """Find the triangle that each pore and each wrinkle samples."""
+        self.shares = ShareRange.of(graph)
         pores, wrinkles = graph.node_uv, graph.centres()
         self.pore_triangle = self._find(pores, graph.node_triangle)
         self._wrinkle_triangle = self._find(wrinkles, graph.edge_triangle)
@@ -181,7 +184,7 @@ class DeviceMesh:
         """Take settings that leave the elements as they are, and drop all that was computed with
         the old ones."""
         self.cache.clear()
-        blend = Blend(self.device, settings, self.stretch.triangles)
+        blend = Blend(self.device, settings, self.stretch.triangles, self.shares)
         if self._blend is not None:
             self._blend.release()
         self.settings, self._blend = settings, blend

@@ -134,6 +134,15 @@ def _exit(
     return np.where(lost, BORDER, following).astype(np.int64), np.where(lost, 0.0, nearest)
 
 
+def side_at(corners: FloatArray, uv: FloatArray) -> IntArray:
+    """(S,) the side of each triangle (S, 3, 2) that goes through a point (S, 2) on its rim."""
+    start, stop = corners[:, SIDES[:, 0]], corners[:, SIDES[:, 1]]
+    along = stop - start
+    off = np.abs(cross(along, uv[:, None] - start)) / np.linalg.norm(along, axis=-1)
+    side: IntArray = np.argmin(off, axis=1)
+    return side
+
+
 def corner_numbers(mesh: Mesh) -> IntArray:
     """(F, 3) one number for each pair of a vertex and a place in UV."""
     # Adding zero turns -0.0 into 0.0.

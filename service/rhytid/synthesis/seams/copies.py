@@ -118,6 +118,7 @@ def copied_wrinkles(arrays: Arrays, surface: Surface, borders: Borders, seams: S
         "edge_end_weights": arrays["edge_end_weights"][of],
         "edge_end_half_widths": end_widths.astype(np.float32),
         "edge_partners": arrays["edge_partners"][of],
+        **({"edge_share": arrays["edge_share"][of]} if "edge_share" in arrays else {}),
     }
 
 

@@ -1,0 +1,220 @@
+"""Lines that leaders may follow: traced from seeds where skin folds one way, along the preferred
+directions, over the triangles and over UV seams.
+
+How long each is to be, how large and how far from others, follows from hashes of its seed's place
+and from how far skin has leaders there. Left and right differ, for their places in the map do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.support import cancellation
+from rhytid.synthesis.candidate_graph import Ground
+from rhytid.synthesis.fields import SmoothNoise, level_directions
+from rhytid.synthesis.hashes import Words, place_keys, unit_intervals
+from rhytid.synthesis.painted_fields import normals_at
+from rhytid.synthesis.pore_density import SPACING
+from rhytid.synthesis.pores import scatter_pores
+from rhytid.synthesis.progress import Progress
+from rhytid.synthesis.seams.walks import walk
+from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points
+
+# Millimetres: from seed to seed, and from one point of a line to the next.
+SEEDS, STEP = 2.4, 1.0
+# Millimetres: the shortest line that is kept, and the longest.
+SHORTEST, LONGEST = 7.0, 20.0
+# Shares of its length at which the seed of a line lies.
+_SEED_AT = (0.3, 0.7)
+# Millimetres between lines: small ones, and how much farther the largest are from others.
+_APART, _FARTHER = 2.6, 3.4
+# How far lines wind about the preferred direction, radians, and over which lengths, millimetres.
+_WINDING = ((0.15, 9.0), (0.22, 2.2))
+# How far skin must have leaders for a line to begin, and to go on.
+_BEGINS, _GOES_ON = 0.12, 0.04
+# Cosine of the turn in one step at which a line ends: it has run into a whirl of the field.
+_WHIRL = 0.8
+# Purposes of random numbers.
+_SEED, _NOISE, _SIZE = 0x51ED270B, 0x2545F491, 11
+
+
+@dataclass(frozen=True, eq=False)
+class Wishes:
+    """What C lines are to be.
+
+    key (C,): a random word of each.  size (C,): 0 to 1.  apart (C,): from larger lines, on the
+    surface.  before, after (C,): steps to either side of the seed.
+    """
+
+    key: Words
+    size: FloatArray
+    apart: FloatArray
+    before: IntArray
+    after: IntArray
+
+    @classmethod
+    def of(cls, key: Words, leading: FloatArray, millimetre: float, seed: int) -> Wishes:
+        """Wishes by chance.  leading (C,): how far skin has leaders."""
+        one, two, three, four = (u.astype(np.float64) for u in unit_intervals(key, _SIZE, seed))
+        size = np.sqrt(leading) * (0.12 + 0.88 * one**1.7)
+        length = SHORTEST + (LONGEST - SHORTEST) * size**0.25 * (0.55 + 0.45 * two)
+        steps = np.minimum(length, LONGEST) / STEP
+        before = np.rint(steps * (_SEED_AT[0] + (_SEED_AT[1] - _SEED_AT[0]) * three))
+        apart = (_APART + _FARTHER * size) * (0.65 + 0.9 * four**2) * millimetre
+        after = np.rint(steps) - before
+        return cls(key, size, apart, before.astype(np.int64), after.astype(np.int64))
+
+    @property
+    def order(self) -> IntArray:
+        """The numbers of the lines, the largest first."""
+        found: IntArray = np.lexsort((self.key, -self.size))
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Trails:
+    """C lines of 2K + 1 points, K to either side of a seed, the point K; where a line ends before,
+    the rest is not there.
+
+    points: (C (2K + 1)), line after line.  there (C, 2K + 1): which of them exist.  step (C, 2K,
+    2): in UV from each point to the next, as it was walked, away from the seed.  length: on the
+    surface, from point to point.
+    """
+
+    ground: Ground
+    wishes: Wishes
+    points: Points
+    there: BoolArray
+    step: FloatArray
+    length: float
+
+    def index(self, row: IntArray | int, at: IntArray) -> IntArray:
+        """The points with numbers `at` of the lines `row`."""
+        found: IntArray = row * self.there.shape[1] + at
+        return found
+
+    @classmethod
+    def traced(cls, ground: Ground, millimetre: float, seed: int, progress: Progress) -> Trails:
+        """Lines from seeds all over the skin that folds one way."""
+        seeds, leading = _seeds(ground, millimetre, seed, progress)
+        wishes = Wishes.of(place_keys(seeds.uv), leading, millimetre, seed)
+        course = _Course(ground, millimetre, seed)
+        back = course.traced(seeds, -1.0, wishes.before)
+        ahead = course.traced(seeds, 1.0, wishes.after)
+        triangle, uv, there = (
+            np.concatenate([one[:, :0:-1], two], axis=1)
+            for one, two in zip(back[:3], ahead[:3], strict=True)
+        )
+        step = np.concatenate([back[3][:, ::-1], ahead[3]], axis=1)
+        points = points_at(ground, triangle.reshape(-1), uv.reshape(-1, 2))
+        return cls(ground, wishes, points, there, step, STEP * millimetre)
+
+    def between(self, row: IntArray, at: FloatArray) -> Points:
+        """Points of lines `row` (Q,) at `at` (Q,), counted in points."""
+        half = self.there.shape[1] // 2
+        before = np.clip(np.floor(at).astype(np.int64), 0, 2 * half - 1)
+        share, ahead = at - before, before >= half
+        start = self.index(row, np.where(ahead, before, before + 1))
+        share = np.where(ahead, share, 1.0 - share)
+        triangle, uv, _ = _walked(
+            self.ground, self.points.triangle[start], self.points.uv[start].astype(np.float64),
+            self.step[row, before] * share[:, None],
+        )  # fmt: skip
+        return points_at(self.ground, triangle, uv)
+
+
+def points_at(ground: Ground, triangle: IntArray, uv: FloatArray) -> Points:
+    """The points of a surface at uv (N, 2) in triangles (N,)."""
+    normal = normals_at(ground.surface, triangle, uv).astype(np.float32)
+    position = ground.surface.place(triangle, uv)
+    return Points(triangle.astype(np.int32), uv.astype(np.float32), position, normal)
+
+
+def _walked(
+    ground: Ground, triangle: NDArray[np.integer], uv: FloatArray, step: FloatArray
+) -> tuple[IntArray, FloatArray, BoolArray]:
+    assert ground.borders is not None
+    return walk(ground.surface, ground.across, ground.borders, triangle, uv, step)
+
+
+def _seeds(
+    ground: Ground, millimetre: float, seed: int, progress: Progress
+) -> tuple[Points, FloatArray]:
+    """Seeds evenly over the surface, of these the ones where skin has leaders, and how far."""
+    radius = SEEDS * millimetre / SPACING
+    found = scatter_pores(ground.work, ground.surface, radius, seed ^ _SEED, progress)
+    leading = ground.fields.leading(found.triangle, found.uv)
+    begins = leading >= _BEGINS
+    return found.take(begins), leading[begins].astype(np.float64)
+
+
+class _Course:
+    """The directions that leaders take, and steps along them."""
+
+    def __init__(self, ground: Ground, millimetre: float, seed: int) -> None:
+        self._ground, self._step_length = ground, STEP * millimetre
+        rng = np.random.default_rng([seed, _NOISE])
+        self._winding = [(bend, SmoothNoise(mm * millimetre, rng)) for bend, mm in _WINDING]
+        self._to_uv = np.linalg.pinv(ground.surface.jacobian)
+
+    def traced(
+        self, seeds: Points, side: float, steps: IntArray
+    ) -> tuple[IntArray, FloatArray, BoolArray, FloatArray]:
+        """(C, K + 1) triangles, (C, K + 1, 2) uv, (C, K + 1) whether the line goes so far, and
+        (C, K, 2) UV steps.
+
+        side: 1 along the directions, -1 the other way.  steps (C,): at most.
+        """
+        count, most = len(seeds), int(LONGEST * _SEED_AT[1] / STEP) + 1
+        triangle = np.repeat(seeds.triangle.astype(np.int64)[:, None], most + 1, axis=1)
+        uv = np.repeat(seeds.uv.astype(np.float64)[:, None], most + 1, axis=1)
+        step, there = np.zeros((count, most, 2)), np.zeros((count, most + 1), np.bool_)
+        there[:, 0] = True
+        going, heading = np.arange(count), side * self._axis(triangle[:, 0], uv[:, 0])
+        for k in range(most):
+            cancellation.check()
+            further = steps[going] > k
+            going, heading = going[further], heading[further]
+            at, where = triangle[going, k], uv[going, k]
+            heading, straight = self._turned(heading, at, where)
+            step[going, k] = self._step(at, heading)
+            to, place, arrived = _walked(self._ground, at, where, step[going, k])
+            goes = arrived & straight & self._goes_on(to, place)
+            going, heading = going[goes], heading[goes]
+            triangle[going, k + 1], uv[going, k + 1] = to[goes], place[goes]
+            there[going, k + 1] = True
+        return triangle, uv, there, step
+
+    def _axis(self, triangle: IntArray, uv: FloatArray) -> FloatArray:
+        """(N, 3) unit tangents along the lines that leaders follow."""
+        surface, fields = self._ground.surface, self._ground.fields
+        normal, position = normals_at(surface, triangle, uv), surface.place(triangle, uv)
+        angle = fields.turn(triangle, uv.astype(np.float32)).astype(np.float64)
+        for bend, noise in self._winding:
+            angle += bend * noise.at(position)
+        level = level_directions(normal)
+        found: FloatArray = np.cos(angle)[:, None] * level
+        found += np.sin(angle)[:, None] * np.cross(normal, level)
+        return found
+
+    def _turned(
+        self, heading: FloatArray, triangle: IntArray, uv: FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """(N, 3) headings along the field, and (N,) whether they turn little."""
+        axis = self._axis(triangle, uv)
+        cosine = np.einsum("nx,nx->n", axis, heading)
+        return axis * np.where(cosine < 0, -1.0, 1.0)[:, None], np.abs(cosine) >= _WHIRL
+
+    def _step(self, triangle: IntArray, heading: FloatArray) -> FloatArray:
+        step = np.einsum("ncx,nx->nc", self._to_uv[triangle], heading)
+        along = np.linalg.norm(self._ground.surface.along(triangle, step), axis=-1)
+        found: FloatArray = step * (self._step_length / np.maximum(along, 1e-12))[:, None]
+        return found
+
+    def _goes_on(self, triangle: IntArray, uv: FloatArray) -> BoolArray:
+        ground, place = self._ground, uv.astype(np.float32)
+        leads: BoolArray = ground.fields.leading(triangle, place) >= _GOES_ON
+        return leads & ground.surface.carries[triangle] & ~ground.fields.bare(triangle, place)

@@ -1,0 +1,220 @@
+"""Leaders: the few long deep lines of skin that folds one way, laid before pores are scattered.
+
+Of the lines that were traced the largest come first; one that comes too near to an earlier one is
+cut there. Pores then lie on them as on a string, so that their edges are smooth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from rhytid.domain.asset_settings import GraphSettings
+from rhytid.domain.lengths import SKIN, millimetres
+from rhytid.synthesis.candidate_graph import Ground
+from rhytid.synthesis.hashes import unit_intervals
+from rhytid.synthesis.leader_trails import SHORTEST, STEP, Trails
+from rhytid.synthesis.pore_density import spacings
+from rhytid.synthesis.progress import Progress, silent
+from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, unit
+
+# Of the distance that a larger line keeps from others, what it keeps from smaller ones at least.
+_BESIDE = 0.75
+# How much farther apart than they are lines count along one of them: ends may follow one another.
+_ALONG = 2.2
+# From one pore on a line to the next, in radii of its discs: some room for what the chord cuts off.
+_PACE = 1.15
+# Share of its length over which a line tapers to either end, and how broad the ends are.
+_TAPER, _ENDS = 0.25, 0.4
+# Amplitude of the waves of depth along a line, and their lengths, millimetres: from, and by chance
+# how much longer.
+_UNEVEN, _WAVES = 0.25, ((2.2, 2.5), (7.0, 6.0))
+# Purpose of random numbers.
+_WAVY = 12
+
+
+@dataclass(frozen=True, eq=False)
+class LeaderPores:
+    """Q pores on leaders, line after line, in order along each.
+
+    line (Q,): the number of the leader.  depth (Q,) float32: how deep the leader is there, from 0
+    at its ends to about 1 in the middle of the largest.  width (Q,) float32: how broad, likewise.
+    """
+
+    points: Points
+    line: IntArray
+    depth: NDArray[np.float32]
+    width: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+    @classmethod
+    def none(cls) -> LeaderPores:
+        """Those of skin without leaders."""
+        nowhere = np.empty((0, 3), np.float32)
+        points = Points(np.empty(0, np.int32), nowhere[:, :2], np.empty((0, 3)), nowhere)
+        return cls(points, np.empty(0, np.int64), nowhere[:, 0], nowhere[:, 0])
+
+
+def leaders_of(
+    ground: Ground, spacing: float, settings: GraphSettings, progress: Progress = silent
+) -> Leaders | None:
+    """The leaders of a ground; None where its skin does not fold, or settings ask for none.
+
+    spacing: mean distance of pores on even skin, on the surface.
+    """
+    if settings.rank == 0 or not ground.fields.some_leading:
+        return None
+    scale = ground.surface.scale
+    millimetre = unit_length(ground.unit, spacing * scale) / scale
+    return Leaders.of(ground, millimetre, settings.start, progress)
+
+
+def unit_length(name: str | None, spacing: float) -> float:
+    """A millimetre in the unit of `spacing`, the distance of pores; where the unit of the mesh is
+    not known, by that distance. Where pores are farther apart than a millimetre, that."""
+    known = None if name is None else millimetres(name)
+    return max(spacing, spacing / SKIN.spacing if known is None else 1.0 / known)
+
+
+@dataclass(frozen=True, eq=False)
+class Leaders:
+    """Traced lines that were chosen.
+
+    row (L,): the line of each leader among the trails.  first, last (L,): the points between which
+    it runs.
+    """
+
+    trails: Trails
+    row: IntArray
+    first: IntArray
+    last: IntArray
+    seed: int
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    @classmethod
+    def of(
+        cls, ground: Ground, millimetre: float, seed: int, progress: Progress = silent
+    ) -> Leaders:
+        """Trace leaders on a ground.  millimetre: in units of the surface."""
+        trails = Trails.traced(ground, millimetre, seed, progress)
+        return cls(trails, *_chosen(trails), seed)
+
+    def pores(self, radius: float) -> LeaderPores:
+        """Pores along the leaders, where others are at least `radius` apart."""
+        surface, fields = self.trails.ground.surface, self.trails.ground.fields
+        line, where = self._places(radius)
+        points = self.trails.between(self.row[line], where)
+        taper = _taper((where - self.first[line]) / (self.last - self.first)[line])
+        size = np.sqrt(self.trails.wishes.size[self.row[line]])
+        uneven = self._uneven(line, where)
+        width = size * (_ENDS + (1.0 - _ENDS) * taper) * np.sqrt(uneven)
+        leading = np.clip(fields.leading(points.triangle, points.uv), 0.0, 1.0)
+        depth = size * taper * uneven * np.sqrt(leading)
+        holds = surface.carries[points.triangle] & ~fields.bare(points.triangle, points.uv)
+        values = (values[holds].astype(np.float32) for values in (depth, width))
+        return LeaderPores(points.take(holds), line[holds], *values)
+
+    def _places(self, radius: float) -> tuple[IntArray, FloatArray]:
+        """(Q,) the leader of each pore, and (Q,) where on it the pore lies, counted in points of
+        its trail."""
+        count = self.last - self.first + 1
+        line = np.repeat(np.arange(len(self)), count)
+        at = np.arange(len(line)) - np.repeat(np.cumsum(count) - count - self.first, count)
+        points = self.trails.points.take(self.trails.index(self.row[line], at))
+        pace = _PACE * radius * spacings(self.trails.ground.fields, points.triangle, points.uv)
+        parts = np.split(self.trails.length / pace, np.cumsum(count)[:-1])
+        places = [_evenly(part, first) for part, first in zip(parts, self.first, strict=True)]
+        of = np.repeat(np.arange(len(self)), [len(part) for part in places])
+        return of, np.concatenate([np.empty(0), *places])
+
+    def _uneven(self, line: IntArray, where: FloatArray) -> FloatArray:
+        """(Q,) factors of the depth along each line, about 1: waves with phases of its own."""
+        key = self.trails.wishes.key[self.row[line]]
+        chances = unit_intervals(key, _WAVY, self.seed)
+        waves = np.zeros(len(where))
+        for (least, more), phase, longer in zip(_WAVES, chances[:2], chances[2:], strict=True):
+            waves += np.sin(2 * np.pi * (where * STEP / (least + more * longer) + phase))
+        uneven: FloatArray = 1.0 + _UNEVEN * waves
+        return uneven
+
+
+def _evenly(density: FloatArray, first: int) -> FloatArray:
+    """Places along a line, counted in its points from `first` on, from end to end.  density (N,):
+    places per step at each point, at most; none where it has no room for three."""
+    sums = np.append(0.0, np.cumsum(0.5 * (density[1:] + density[:-1])))
+    count = int(sums[-1])
+    if count < 2:
+        return np.empty(0)
+    at = np.arange(first, first + len(density))
+    places: FloatArray = np.interp(np.linspace(0.0, sums[-1], count + 1), sums, at)
+    return places
+
+
+def _taper(share: FloatArray) -> FloatArray:
+    """From 0 at both ends of a line to 1 between, without a corner."""
+    rise = np.clip(np.minimum(share, 1.0 - share) / _TAPER, 0.0, 1.0)
+    taper: FloatArray = rise * (2.0 - rise)
+    return taper
+
+
+def _chosen(trails: Trails) -> tuple[IntArray, IntArray, IntArray]:
+    """Lines that become leaders, and the first and the last point of each: one after the other,
+    each where it is far enough from all before it."""
+    free, width, least = trails.there.copy(), trails.there.shape[1], int(SHORTEST / STEP)
+    beside = _Beside(trails)
+    rows, spans = [], []
+    for row in trails.wishes.order:
+        first, last = _longest_run(free[row])
+        if last - first < least:
+            continue
+        rows.append(row)
+        spans.append((first, last))
+        taken = beside.of(row, np.arange(first, last + 1))
+        free[taken // width, taken % width] = False
+    found = np.array(spans, np.int64).reshape(-1, 2)
+    return np.array(rows, np.int64), found[:, 0], found[:, 1]
+
+
+def _longest_run(free: BoolArray) -> tuple[int, int]:
+    """The first and the last number of the longest run of free points; of none, a run that ends
+    before it begins."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]])))
+    if not len(edges):
+        return 0, -1
+    starts, stops = edges[::2], edges[1::2]
+    longest = int(np.argmax(stops - starts))
+    return int(starts[longest]), int(stops[longest]) - 1
+
+
+class _Beside:
+    """Finds the points of lines that are too near to a chosen one."""
+
+    def __init__(self, trails: Trails) -> None:
+        self._trails, self._there = trails, np.flatnonzero(trails.there.reshape(-1))
+        self._position = trails.points.position[self._there]
+        self._normal = trails.points.normal[self._there].astype(np.float64)
+        self._apart = trails.wishes.apart[self._there // trails.there.shape[1]]
+        self._tree = cKDTree(self._position)
+
+    def of(self, row: int, at: IntArray) -> IntArray:
+        """Numbers of the points that lie too near to the points `at` of a line."""
+        points = self._trails.points.take(self._trails.index(row, at))
+        reach = self._trails.wishes.apart[row]
+        near = self._tree.query_ball_point(points.position, reach)
+        of = np.repeat(np.arange(len(at)), [len(found) for found in near])
+        found = np.concatenate([np.asarray(n, np.int64) for n in near])
+        apart = self._position[found] - points.position[of]
+        tangent = unit(np.gradient(points.position, axis=0))
+        along = np.einsum("nx,nx->n", apart, tangent[of])
+        distance = np.sqrt((apart**2).sum(axis=1) + (_ALONG**2 - 1.0) * along**2)
+        limit = np.maximum(np.minimum(self._apart[found], reach), _BESIDE * reach)
+        facing = np.einsum("nx,nx->n", self._normal[found], points.normal[of]) > 0
+        taken: IntArray = self._there[found[(distance < limit) & facing]]
+        return taken

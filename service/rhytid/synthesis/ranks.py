@@ -1,0 +1,223 @@
+"""What leaders make of the lines around them: weights and widths by rank.
+
+A leader is deeper and broader than other lines. They are fainter beside it, the nearer the more,
+and wherever skin folds one way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from rhytid.domain.asset_settings import GraphSettings
+from rhytid.domain.skin import wear
+from rhytid.synthesis.candidate_graph import CandidateGraph
+from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.leaders import LeaderPores
+from rhytid.synthesis.shapes import WIDE
+
+Singles = NDArray[np.float32]
+# Priority of a leader's edges: above that of any other, below the classes of edges.
+_FIRST = np.float32(64.0)
+# Strength that a leader's edges have as walkers set out: they are drawn along it.
+_WORN = np.float32(3.0)
+# Weight of the deepest leader at rest, before factors of the skin; half widths, in those of a line
+# of strength 1, of the faintest leader and of the deepest.
+_DEEPEST = 0.5
+# Factors of these at 65, for leaders are what expressions leave behind; and of the weight of others
+# where skin folds one way.
+_OLD, _OLD_OTHERS = 2.4, 0.75
+_NARROW, _BROAD = 0.6, 1.5
+# How far other lines are fainter: beside a leader, and where skin folds one way; how far from a
+# leader, in pore spacings, the first ends.
+_BESIDE, _FOLDED, _REACH = 0.45, 0.45, 4.0
+# Share of the shortening that a leader takes, of what it would take by itself, at rank 1, and how
+# much less one of weight 1 takes; what others are left at least, of what they would take; how far
+# leaders take it from, in pore spacings.
+_TAKES, _DEEP_TAKES, _LEFT, _STRIP = 1.95, 0.6, 0.35, 6.5
+# Pores on a leader would be beads on a string: of their depth is left.
+_BEADS = 0.6
+
+
+@dataclass(frozen=True, eq=False)
+class Ranks:
+    """Leaders among the edges of a candidate graph.
+
+    weight (E,) float32: of leaders, before factors of the skin; 0 of other edges.  width (E,)
+    float32: half widths of leaders, in pore spacings.  quiet (N,) float32: factor of the weight of
+    other lines at each pore.  of_pores (N,) float32: factor of the depth of the pores.  rank: the
+    setting.
+    """
+
+    weight: Singles
+    width: Singles
+    quiet: Singles
+    of_pores: Singles
+    rank: float
+
+    @classmethod
+    def of(
+        cls,
+        net: CandidateGraph,
+        leaders: LeaderPores,
+        fields: Fields,
+        spacing: float,
+        settings: GraphSettings,
+    ) -> Ranks:
+        """Find the edges along leaders.
+
+        leaders: the first pores of the net.  spacing: mean distance of pores on even skin.
+        """
+        rank, worn = settings.rank, wear(settings.age)
+        edge, depth, size = _edges_along(net, leaders)
+        weight, width = (np.zeros(len(net.edges), np.float32) for _ in range(2))
+        weight[edge] = np.minimum(_DEEPEST * _OLD**worn * min(rank, 1.0) * depth, 1.0)
+        broad = min(rank, 1.0) * (_NARROW + (_BROAD - _NARROW) * size)
+        width[edge] = WIDE * broad
+        near = _nearness(net, leaders, _REACH * spacing)
+        leading = fields.leading(net.pores.triangle, net.pores.uv)
+        quiet = (1.0 - _BESIDE * near) * (1.0 - _FOLDED * leading)
+        quiet *= _OLD_OTHERS ** (worn * leading)
+        of_pores = np.ones(len(net.pores), np.float32)
+        of_pores[net.first] = _BEADS ** min(rank, 1.0)
+        return cls(weight, width, (quiet**rank).astype(np.float32), of_pores, rank)
+
+    @property
+    def leads(self) -> NDArray[np.bool_]:
+        """(E,) whether each edge is part of a leader."""
+        found: NDArray[np.bool_] = self.weight > 0
+        return found
+
+    def of_lines(self, edge: NDArray[np.int32], pores: NDArray[np.int32]) -> RankedLines:
+        """What W lines are by their ranks.  edge (W,), pores (W, 2): of each."""
+        weight, leads = self.weight[edge], self.weight[edge] > 0
+        quiet = np.float32(0.5) * (self.quiet[pores[:, 0]] + self.quiet[pores[:, 1]])
+        factor = np.where(leads, np.float32(1.0), quiet)
+        return RankedLines(leads, weight, self.width[edge], factor)
+
+    def worn(self) -> Singles:
+        """(E,) strengths that walkers find as they set out."""
+        found: Singles = np.where(self.leads, _WORN, np.float32(0.0))
+        return found
+
+    def raised(self, strength: Singles) -> Singles:
+        """(E,) strengths in which leaders come before all other edges."""
+        found: Singles = np.where(self.leads, _FIRST + self.weight, strength)
+        return found
+
+    def shares(self, strips: Strips) -> Singles:
+        """(W,) shares of W lines; over a strip of skin their mean by mass is 1."""
+        leads = self.leads[strips.edge]
+        takes = (_TAKES - 1.0 - _DEEP_TAKES * strips.weight) * self.rank
+        more = np.where(leads, strips.mass * takes, 0.0)
+        taken, given = _given(strips, leads, more)
+        ends = strips.pores
+        share = 1.0 - 0.5 * (given[ends[:, 0]] + given[ends[:, 1]])
+        kept = 0.5 * (taken[ends[:, 0]] + taken[ends[:, 1]])
+        share[leads] = 1.0 + (takes * kept)[leads]
+        return share.astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Strips:
+    """W lines as they share the shortening of a strip of skin.
+
+    edge (W,): that each draws.  pores (W, 2): that it joins.  weight (W,).  mass (W,): weight times
+    half width times length.  position (N, 3): of the pores.  spacing: their mean distance on even
+    skin.
+    """
+
+    edge: NDArray[np.int32]
+    pores: NDArray[np.int32]
+    weight: Singles
+    mass: NDArray[np.float64]
+    position: NDArray[np.float64]
+    spacing: float
+
+
+def _given(
+    strips: Strips, leads: NDArray[np.bool_], more: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(N,) what leaders get of what they ask for at each pore, 0 to 1, and (N,) what others give
+    there, of what they would take by themselves.
+
+    more (W,): what each leader asks for, more than it would take by itself. It asks the pores
+    around it, in proportion to what meets there and to how near they are, and each gives as far as
+    it can.
+    """
+    count = len(strips.position)
+    asked = _at_pores(strips, more, count)
+    there = _at_pores(strips, np.where(leads, 0.0, strips.mass), count)
+    one, two, near = _pairs(strips, np.flatnonzero(asked))
+    offered = near * there[two]
+    total = np.bincount(one, offered, count)
+    asks = offered * (asked / np.maximum(total, 1e-300))[one]
+    of_all = np.bincount(two, asks, count) / np.maximum(there, 1e-300)
+    least = np.minimum(1.0, (1.0 - _LEFT) / np.maximum(of_all, 1e-300))
+    got = np.bincount(one, asks * least[two], count)
+    return got / np.maximum(asked, 1e-300), of_all * least
+
+
+def _at_pores(strips: Strips, values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """(N,) sums of values (W,) at the pores, half of each at either end."""
+    ends = strips.pores
+    total = np.bincount(ends[:, 0], values, count) + np.bincount(ends[:, 1], values, count)
+    return np.asarray(0.5 * total, np.float64)
+
+
+def _pairs(
+    strips: Strips, of: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    """Pairs of the pores `of` and those around them, ordered, and how near they are: 1 to 0."""
+    reach = _STRIP * strips.spacing
+    all_, some = cKDTree(strips.position), cKDTree(strips.position[of])
+    found = some.sparse_distance_matrix(all_, reach, output_type="ndarray")
+    order = np.lexsort((found["j"], found["i"]))
+    found = found[order]
+    return of[found["i"]], found["j"], (1.0 - (found["v"] / reach) ** 2) ** 2
+
+
+@dataclass(frozen=True, eq=False)
+class RankedLines:
+    """Of W lines: leads, whether each is part of a leader; of those that are, weight and width as
+    in `Ranks`; factor, of the weight of each."""
+
+    leads: NDArray[np.bool_]
+    weight: Singles
+    width: Singles
+    factor: Singles
+
+
+def _edges_along(
+    net: CandidateGraph, leaders: LeaderPores
+) -> tuple[NDArray[np.intp], Singles, Singles]:
+    """The edges between pores that follow one another on a leader, and how deep and how broad each
+    is."""
+    follows = np.flatnonzero(leaders.line[1:] == leaders.line[:-1])
+    ends = np.sort(np.stack([net.first[follows], net.first[follows + 1]], axis=1), axis=1)
+    count = np.int64(len(net.pores))
+    keys = net.edges.nodes[:, 0] * count + net.edges.nodes[:, 1]
+    wanted = ends[:, 0] * count + ends[:, 1]
+    at = np.minimum(np.searchsorted(keys, wanted), max(len(keys) - 1, 0))
+    found = keys[at] == wanted if len(keys) else np.zeros(len(wanted), np.bool_)
+    depth, width = (
+        np.float32(0.5) * (values[follows] + values[follows + 1])[found]
+        for values in (leaders.depth, leaders.width)
+    )
+    return at[found], depth, width
+
+
+def _nearness(net: CandidateGraph, leaders: LeaderPores, reach: float) -> Singles:
+    """(N,) from 1 on a leader of depth 1 to 0 at `reach`, less beside shallower ones."""
+    found = np.zeros(len(net.pores), np.float32)
+    if not len(leaders):
+        return found
+    tree = cKDTree(leaders.points.position)
+    distance, nearest = tree.query(net.pores.position, distance_upper_bound=reach)
+    near = np.flatnonzero(np.isfinite(distance))
+    share = 1.0 - (distance[near] / reach) ** 2
+    found[near] = share**2 * np.sqrt(leaders.depth[nearest[near]])
+    return found
