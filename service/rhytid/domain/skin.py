@@ -101,15 +101,15 @@ REGIONS: dict[str, Region] = {
         scale=0.85,
         pore_radius=1.35,
         grain=1.1,
-        undulation=1.1,
-        patchiness=0.7,
+        undulation=1.0,
+        patchiness=0.5,
         leading=0.4,
         old=Old(strength=1.2, anisotropy=1.5, pore_radius=1.15, contrast=1.15, grain=1.3),
     ),
     # The largest pores of the face, close together; lines so faint that pores stand alone.
     "nose": Region(
         density=1.3,
-        strength=0.45,
+        strength=0.38,
         pore_strength=3.0,
         anisotropy=0.2,
         scale=0.7,
@@ -123,7 +123,7 @@ REGIONS: dict[str, Region] = {
     # Furrows across the lip, upright and deep, joined by faint ones; next to no pores to see.
     "lip": Region(
         density=0.9,
-        strength=1.6,
+        strength=2.2,
         pore_strength=0.6,
         turn=90.0,
         anisotropy=1.5,
@@ -132,6 +132,8 @@ REGIONS: dict[str, Region] = {
         pore_radius=0.35,
         grain=0.7,
         undulation=1.2,
+        leading=0.5,
+        patchiness=0.6,
         old=Old(strength=1.3, anisotropy=1.0, contrast=1.15, grain=1.4),
     ),
     # Thin skin: fine lines that fan out from the corner, beside the eye nearly level; small pores.
@@ -145,6 +147,7 @@ REGIONS: dict[str, Region] = {
         pore_radius=0.5,
         grain=0.8,
         patchiness=1.2,
+        undulation=0.8,
         old=Old(strength=1.6, scale=1.2, contrast=1.5, grain=1.8),
     ),
     # A wide net of rhombi, longer than high, that age deepens as a whole; small pores.
@@ -156,23 +159,24 @@ REGIONS: dict[str, Region] = {
         scale=1.0,
         pore_radius=0.7,
         grain=1.2,
-        undulation=1.6,
-        patchiness=2.4,
+        undulation=1.8,
+        patchiness=2.0,
         old=Old(strength=2.1, anisotropy=1.1, contrast=1.0, grain=1.2),
     ),
     # Around the lips, and the chin: short slants, soft and broad, between pores of medium size. The
     # mouth folds more than all else of the face, and shows little of it at rest.
     "mouth": Region(
         density=0.95,
-        strength=1.1,
-        pore_strength=1.0,
+        strength=1.2,
+        pore_strength=0.85,
         anisotropy=0.9,
-        scale=1.25,
+        scale=1.35,
         pore_radius=1.1,
         grain=1.2,
-        undulation=1.5,
+        undulation=1.6,
         folded=0.35,
-        patchiness=1.2,
+        patchiness=0.8,
+        leading=0.6,
         old=Old(strength=1.6, anisotropy=1.3, contrast=1.2, grain=1.4),
     ),
 }
