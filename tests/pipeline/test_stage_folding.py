@@ -15,7 +15,7 @@ from rhytid.pipeline.folding import millimetre, rounds
 from rhytid.pipeline.stretch import StretchStage
 
 LIMIT = 0.5
-LENGTH_MM = 40.0
+LENGTH_MM = 45.0
 
 
 class Folded:

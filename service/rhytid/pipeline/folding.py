@@ -14,7 +14,7 @@ little for weak bends and most of it for steep folds, and its numbers are by eye
 
 The rule. Of each triangle b = ℓ Σ cᵢ (κ'ᵢ − κᵢ) over both axes of stretch: c the log compression, 0
 where it is stretched, κ' and κ the curvatures along the axis in the frame and in the neutral, ℓ =
-40 mm. T is the variance of b over about a fold around each vertex: a mean of b is another form of
+45 mm. T is the variance of b over about a fold around each vertex: a mean of b is another form of
 the face, as a cheek that bulges, and no fold. Folds take the share 0.9 T² / (1 + T²) of each
 compression, and leave stretch as it is.
 
@@ -38,7 +38,7 @@ from rhytid.domain.lengths import millimetres
 from rhytid.domain.mesh import Mesh
 
 # ℓ: where b deviates by 1 from its mean, folds take half of what they can.
-_LENGTH_MM = 40.0
+_LENGTH_MM = 45.0
 # A millimetre where the unit is not known: its share of the root of the area, on a face.
 _MILLIMETRE_OF_ROOT = 0.0034
 # Of a compression: what folds take of it.
