@@ -11,11 +11,11 @@ from meshes import deform, rotate_translate
 from pipeline.scenes import sheet
 from reference import folding as reference
 from rhytid.domain.mesh import Mesh
-from rhytid.pipeline.folding import millimetre, rounds
+from rhytid.pipeline.folding import FoldRule
 from rhytid.pipeline.stretch import StretchStage
 
 LIMIT = 0.5
-LENGTH_MM = 40.0
+LENGTH_MM = 45.0
 
 
 class Folded:
@@ -43,8 +43,9 @@ def pressed(mesh, seed=0, amount=0.08, height=0.2):
 
 
 def wanted(mesh, positions, unit):
-    mm = millimetre(mesh, unit)
-    return reference.taken(mesh.positions, mesh.faces, positions, LENGTH_MM * mm, *rounds(mesh, mm))
+    rule = FoldRule.of(mesh, unit)
+    sizes = (rule.length, rule.rounds, rule.normal_rounds)
+    return reference.taken(mesh.positions, mesh.faces, positions, *sizes)
 
 
 @pytest.mark.parametrize("unit", ["mm", "1.4mm", "1.5cm", "2cm", "furlong"])

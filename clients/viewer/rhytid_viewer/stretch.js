@@ -33,7 +33,7 @@ export function stretchTexture(triangles, perRow) {
 
 /**
  * Fill the texture for a frame: of each triangle the unit axes s1 and s2 in UV, log rho1 and
- * log rho2, not clamped, rho1 >= rho2, and 0, 0.
+ * log rho2, not clamped, rho1 >= rho2, and 0, 0; `Folds` of folds.js writes the first of these.
  * @param {ArrayLike<number>} positions x, y, z of every vertex, in the unit of the package
  * @param {ArrayLike<number>} indices three of every triangle, into positions
  * @param {Float64Array} rest of readRest
@@ -42,6 +42,7 @@ export function stretchTexture(triangles, perRow) {
 export function logStretch(positions, indices, rest, out) {
   const triangles = rest.length / REST;
   for (let t = 0, at = 0; t < triangles; t++, at += REST) {
+    out[at + 6] = 0;
     if (!(rest[at + 3] > 0)) {
       unstretched(out, at);
       continue;

@@ -186,6 +186,7 @@ ANATOMIES = FINE, COARSE = ("fine", "coarse")
 _COARSE: dict[str, dict[str, Any]] = {
     "forehead": {"strength": 1.25},
     "cheek": {"strength": 0.8},
+    "nose": {"strength": 0.45},
     "lip": {"density": 1.6, "strength": 1.1, "scale": 0.9},
     "eye_corner": {"strength": 1.2},
 }

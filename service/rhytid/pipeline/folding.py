@@ -14,7 +14,7 @@ little for weak bends and most of it for steep folds, and its numbers are by eye
 
 The rule. Of each triangle b = ℓ Σ cᵢ (κ'ᵢ − κᵢ) over both axes of stretch: c the log compression, 0
 where it is stretched, κ' and κ the curvatures along the axis in the frame and in the neutral, ℓ =
-40 mm. T is the variance of b over about a fold around each vertex: a mean of b is another form of
+45 mm. T is the variance of b over about a fold around each vertex: a mean of b is another form of
 the face, as a cheek that bulges, and no fold. Folds take the share 0.9 T² / (1 + T²) of each
 compression, and leave stretch as it is.
 
@@ -38,7 +38,7 @@ from rhytid.domain.lengths import millimetres
 from rhytid.domain.mesh import Mesh
 
 # ℓ: where b deviates by 1 from its mean, folds take half of what they can.
-_LENGTH_MM = 40.0
+_LENGTH_MM = 45.0
 # A millimetre where the unit is not known: its share of the root of the area, on a face.
 _MILLIMETRE_OF_ROOT = 0.0034
 # Of a compression: what folds take of it.
@@ -47,6 +47,32 @@ _MOST = 0.9
 _MOST_BEND = 20.0
 # Median edge of the real face on which the numbers were found, and its rounds of smoothing.
 _EDGE_MM, _ROUNDS, _MOST_ROUNDS = 2.8, 2, 8
+
+
+@dataclass(frozen=True)
+class FoldRule:
+    """The numbers by which folds of a mesh are measured.
+
+    length: ℓ, mesh units.  most: of a compression, what folds take.  most_bend: of ℓ (κ' − κ).
+    rounds, normal_rounds: of the means of b and b², and of normals, over the triangles of a vertex.
+    """
+
+    length: float
+    most: float
+    most_bend: float
+    rounds: int
+    normal_rounds: int
+
+    @classmethod
+    def of(cls, mesh: Mesh, unit: str) -> FoldRule:
+        """The rule for a mesh: rounds are more where edges are shorter than those of the face on
+        which the numbers were found. Where the unit is not known the mesh is taken for a face."""
+        millimetre = _millimetre(mesh, unit)
+        edge = float(np.median(np.linalg.norm(_edges(mesh), axis=-1)))
+        finer = float(np.clip(_EDGE_MM * millimetre / edge, 0.0, 100.0)) ** 2
+        rounds = int(np.clip(round(_ROUNDS * finer), 1, _MOST_ROUNDS))
+        of_normals = int(np.clip(round((finer - 1.0) * 4 / 3), 0, _MOST_ROUNDS // 2))
+        return cls(_LENGTH_MM * millimetre, _MOST, _MOST_BEND, rounds, of_normals)
 
 
 @dataclass(frozen=True)
@@ -96,9 +122,7 @@ class Folding:
         self._device, self._faces, self._rest = device, faces, rest
         self._triangles, self._vertices = len(mesh.faces), len(mesh.positions)
         self._count = len(places.offsets) - 1
-        size = millimetre(mesh, unit)
-        self.length = _LENGTH_MM * size
-        self.rounds, self._normal_rounds = rounds(mesh, size)
+        self._rule = FoldRule.of(mesh, unit)
         self._of_vertex, self._corners = (
             device.upload(places.of_vertex),
             device.upload(places.corners),
@@ -113,8 +137,8 @@ class Folding:
 
         frame: positions (V, 3).  amount: 0 to 1, factor of the share.
         """
-        moments = self._smoothed(self._bends(frame), self.rounds)
-        most = np.float32(amount * _MOST)
+        moments = self._smoothed(self._bends(frame), self._rule.rounds)
+        most = np.float32(amount * self._rule.most)
         taken = self._device.empty(self._triangles + 1, np.float32)
         self._launch(
             "take_shares", self._triangles + 1,
@@ -136,7 +160,7 @@ class Folding:
         normals, forms = self._normals(frame), self._floats(self._triangles)
         self._launch(
             "neutral_forms", self._triangles,
-            *self._surface(frame, normals), np.float32(self.length), forms,
+            *self._surface(frame, normals), np.float32(self._rule.length), forms,
         )  # fmt: skip
         self._device.finish()
         frame.release()
@@ -148,7 +172,7 @@ class Folding:
         normals, moments = self._normals(frame), self._floats(self._triangles)
         self._launch(
             "bends", self._triangles, *self._surface(frame, normals), self._forms,
-            np.float32(self.length), np.float32(_MOST_BEND), moments,
+            np.float32(self._rule.length), np.float32(self._rule.most_bend), moments,
         )  # fmt: skip
         normals.release()
         return moments
@@ -160,11 +184,11 @@ class Folding:
         normals = self._floats(self._count)
         self._launch(
             "place_normals", self._count, frame, self._faces, self._offsets, self._members,
-            np.float32(1.0 / self.length), normals,
+            np.float32(1.0 / self._rule.length), normals,
         )  # fmt: skip
-        if not self._normal_rounds:
+        if not self._rule.normal_rounds:
             return normals
-        return self._smoothed(self._spread(normals), self._normal_rounds)
+        return self._smoothed(self._spread(normals), self._rule.normal_rounds)
 
     def _smoothed(self, triangles: Buffer, count: int) -> Buffer:
         """Values of the places, gathered from those of the triangles `count` times; takes these."""
@@ -191,22 +215,13 @@ class Folding:
         self._device.launch("folding", kernel, (size,), *arguments)
 
 
-def millimetre(mesh: Mesh, unit: str) -> float:
-    """A millimetre in mesh units; where the unit is not known as if the mesh were a face."""
+def _millimetre(mesh: Mesh, unit: str) -> float:
+    """In mesh units."""
     length = millimetres(unit)
     if length is not None:
         return 1.0 / length
     longest = np.linalg.norm(_edges(mesh), axis=-1).max()
     return float(_MILLIMETRE_OF_ROOT * longest * np.sqrt(0.5 * _relative_areas(mesh).sum()))
-
-
-def rounds(mesh: Mesh, millimetre: float) -> tuple[int, int]:
-    """Rounds of smoothing of b and b², and of normals, more where edges are shorter than those of
-    the face on which the numbers were found.  millimetre: in mesh units."""
-    edge = float(np.median(np.linalg.norm(_edges(mesh), axis=-1)))
-    finer = float(np.clip(_EDGE_MM * millimetre / edge, 0.0, 100.0)) ** 2
-    bends = int(np.clip(round(_ROUNDS * finer), 1, _MOST_ROUNDS))
-    return bends, int(np.clip(round((finer - 1.0) * 4 / 3), 0, _MOST_ROUNDS // 2))
 
 
 def _relative_areas(mesh: Mesh) -> NDArray[np.float64]:

@@ -51,6 +51,7 @@ def test_the_manifest_fits_its_schema_and_names_every_file(written: Written) -> 
         for f in (*s.libraries.values(), s.vertex, *s.passes.values())
     ]
     assert found.cushion is not None
+    assert found.stretch.folds is not None
     cushion, wrinkles = found.cushion, found.wrinkles
     arrays = [
         found.textures, found.triangles, wrinkles.textures, wrinkles.codes,
@@ -59,6 +60,7 @@ def test_the_manifest_fits_its_schema_and_names_every_file(written: Written) -> 
     named = {
         "manifest.json", "manifest.schema.json", found.mesh.file, found.stretch.rest,
         found.stretch.python, found.stretch.javascript, *shaders,
+        found.stretch.folds.python, found.stretch.folds.javascript,
         *found.stretch.compute.values(),
         found.materialx.document, *found.materialx.implementations.values(),
         *(file for array in arrays for file in array.files.values()), *rhytid_viewer.laid_out(),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import shutil
 import subprocess
@@ -24,6 +25,7 @@ from rhytid.engine.engine import Engine
 from rhytid.engine.messages import NewAsset
 from rhytid.exports.skin_package import texture_arrays
 from rhytid.exports.skin_package.runtime import stretch
+from rhytid.exports.skin_package.runtime.folds import Folds
 
 pytestmark = pytest.mark.peers
 log = logging.getLogger(__name__)
@@ -53,7 +55,11 @@ def worst(
     engine.frames.put(asset, "f", moved)
     want = engine.tiles.plan_map(asset, "f", BINNED, udim, 0).draw()
     rest = stretch.read_rest(package / "triangles.bin")
-    found = stretch.log_stretch(moved, mesh.faces, rest)
+    numbers = json.loads((package / "manifest.json").read_text())["stretch"]["folds"]
+    taken: Any = 0.0
+    if numbers is not None:
+        taken = Folds(mesh.positions, mesh.faces, rest, numbers).shares(moved)
+    found = stretch.log_stretch(moved, mesh.faces, rest, folds=taken)
     renderer = renderer_of(package, udim, dialect)
     try:
         described = renderer.manifest

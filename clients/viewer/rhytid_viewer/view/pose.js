@@ -1,5 +1,6 @@
 // The mesh in a pose: positions, smooth normals, and per triangle stretch and the gradients of u and v.
 
+import { Folds } from '../folds.js';
 import { logStretch, stretchTexture } from '../stretch.js';
 
 /** @typedef {import('./types.js').SkinPackage} SkinPackage */
@@ -18,7 +19,9 @@ export class Pose {
     this.normals = new Float32Array(mesh.positions.length);
     this.gradients = new Float32Array(GRADIENTS * manifest.stretch.triangles);
     this.stretch = stretchTexture(manifest.stretch.triangles, manifest.stretch.triangles_a_row);
-    /** Time that the stretch took. */
+    const { folds } = manifest.stretch;
+    this._folds = folds ? new Folds(mesh.positions, mesh.indices, rest, folds) : null;
+    /** Time that the stretch took, and what folds take of it. */
     this.stretchMilliseconds = 0;
     this._sums = new Float64Array(3 * this._originals);
     this._sum = Float64Array.from(mesh.positions);
@@ -30,6 +33,7 @@ export class Pose {
     this._move(weights);
     const start = performance.now();
     logStretch(this.positions, this._mesh.indices, this._rest, this.stretch);
+    this._folds?.write(this.positions, this.stretch);
     this.stretchMilliseconds = performance.now() - start;
     this._turn();
     this._derive();

@@ -33,11 +33,21 @@ export interface Manifest {
     height: number;
     rest: string;
     javascript: string;
+    folds: FoldNumbers | null;
   };
   weights: { width: number; height: number; rows: number };
   shaders: Record<string, { vertex: string; passes: Record<string, string> }>;
   texture_bytes: number;
   texture_bytes_of_level_0: number;
+}
+
+/** Numbers of folds.js. */
+export interface FoldNumbers {
+  length: number;
+  most: number;
+  most_bend: number;
+  rounds: number;
+  normal_rounds: number;
 }
 
 /** What the numbers of sets stand for. */

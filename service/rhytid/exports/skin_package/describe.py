@@ -13,6 +13,7 @@ from rhytid.exports.skin_package.languages import BINDINGS, LANGUAGES
 from rhytid.exports.skin_package.maps import CUSHIONS, WRINKLES, SkinMaps
 from rhytid.exports.skin_package.shaders import COMPUTE, materialx_files, stretch_file
 from rhytid.pipeline.events import EVENT_LAYER
+from rhytid.pipeline.folding import FoldRule
 
 TRIANGLES_A_ROW = 1024
 
@@ -50,7 +51,7 @@ def package_manifest(
         textures=written.maps,
         triangles=written.triangles,
         cushion=_cushion(maps, written),
-        stretch=_stretch(len(mesh.faces)),
+        stretch=_stretch(maps, mesh),
         weights=_weights(maps, len(mesh.faces)),
         shaders={dialect: _shaders(dialect, written.cushions is not None) for dialect in LANGUAGES},
         materialx=materialx_files(),
@@ -160,7 +161,8 @@ def _rows(triangles: int) -> int:
     return -(-(triangles + 1) // TRIANGLES_A_ROW)
 
 
-def _stretch(triangles: int) -> m.Stretch:
+def _stretch(maps: SkinMaps, mesh: Mesh) -> m.Stretch:
+    triangles = len(mesh.faces)
     return m.Stretch(
         triangles=triangles,
         triangles_a_row=TRIANGLES_A_ROW,
@@ -170,6 +172,23 @@ def _stretch(triangles: int) -> m.Stretch:
         python="stretch.py",
         javascript="stretch.js",
         compute={name: stretch_file(name) for name in COMPUTE},
+        folds=_folds(maps, mesh),
+    )
+
+
+def _folds(maps: SkinMaps, mesh: Mesh) -> m.Folds | None:
+    amount = maps.settings.response.folds
+    if amount == 0.0:
+        return None
+    rule = FoldRule.of(mesh, maps.settings.length_unit)
+    return m.Folds(
+        length=rule.length,
+        most=amount * rule.most,
+        most_bend=rule.most_bend,
+        rounds=rule.rounds,
+        normal_rounds=rule.normal_rounds,
+        python="folds.py",
+        javascript="folds.js",
     )
 
 

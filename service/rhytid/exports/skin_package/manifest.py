@@ -106,9 +106,22 @@ class Blend(_Part):
     grain: Grain | None
 
 
+class Folds(_Part):
+    """What folds of the mesh take of log compression: the numbers of folds.py and folds.js."""
+
+    length: float = Field(description="mesh units; folds whose b varies by 1 take half of `most`")
+    most: float = Field(description="the largest share, times response.folds")
+    most_bend: float = Field(description="limit of length times a change of curvature")
+    rounds: int = Field(description="of means of b and its square over the triangles of a vertex")
+    normal_rounds: int = Field(description="of the normals of the vertices")
+    python: str
+    javascript: str
+
+
 class Stretch(_Part):
     """The texture that is written for every frame: RGBA32F, two texels of each triangle: s1 and s2;
-    log rho1, log rho2, 0, 0. The entry after the last triangle is unstretched."""
+    log rho1, log rho2, the share that folds of the mesh take of compression, 0. The entry after the
+    last triangle is unstretched."""
 
     triangles: int
     triangles_a_row: int
@@ -119,8 +132,9 @@ class Stretch(_Part):
     javascript: str
     compute: dict[str, str] = Field(
         description="compute shaders that write the texture, by language: positions, indices and "
-        "rest as float32 in buffers 0 to 2, 64 triangles a group"
+        "rest as float32 in buffers 0 to 2, 64 triangles a group; they leave the share of folds 0"
     )
+    folds: Folds | None = Field(description="null where response.folds is 0")
 
 
 class Weights(_Part):

@@ -216,7 +216,9 @@ class PackageWriter:
         for name, data in (texts | materialx_texts(manifest)).items():
             self._write(name, data)
         self._write("stretch.py", runtime("stretch.py").encode())
-        self._write("stretch.js", rhytid_viewer.read("stretch.js"))
+        self._write("folds.py", runtime("folds.py").encode())
+        for name in ("stretch.js", "folds.js"):
+            self._write(name, rhytid_viewer.read(name))
         self._write_viewer()
         self._write(SCHEMA, _json(schema()))
         self._write(MANIFEST, _json(manifest.model_dump()))

@@ -1,5 +1,5 @@
 """What a package hands out to be run elsewhere: templates of shaders, and stretch in Python and in
-JavaScript. `stretch.py` needs numpy alone."""
+JavaScript. `stretch.py` and `folds.py` need numpy alone."""
 
 from __future__ import annotations
 

@@ -47,12 +47,17 @@ def read_rest(file: str | Path) -> NDArray[np.float64]:
 
 
 def log_stretch(
-    positions: Array, faces: Array, rest: Array, dtype: type[np.floating[Any]] = np.float64
+    positions: Array,
+    faces: Array,
+    rest: Array,
+    dtype: type[np.floating[Any]] = np.float64,
+    folds: Array | float = 0.0,
 ) -> NDArray[np.float32]:
     """(F, 8) float32 of each triangle: the unit axes s1 and s2 in UV (u, v of each), log rho1 and
-    log rho2, not clamped, rho1 >= rho2, and 0, 0.
+    log rho2, not clamped, rho1 >= rho2, the share that folds take of compression, and 0.
 
     positions (V, 3): of the frame, in the unit of the package.  dtype: what is computed in.
+    folds: (F,) of folds.py.
     """
     p = np.asarray(positions, dtype)[faces]
     r = np.asarray(rest, dtype)
@@ -65,6 +70,7 @@ def log_stretch(
     found = np.zeros((len(r), 8), np.float32)
     found[:, :4] = np.where(usable[:, None], np.concatenate(axes, axis=1), (1, 0, 0, 1))
     found[:, 4:6] = np.where(usable[:, None], logs, 0)
+    found[:, 6] = folds
     return found
 
 

@@ -5,7 +5,7 @@
 uniform sampler2D rhytid_stretch; // of the frame, RGBA32F, two texels of each triangle
 
 struct RhytidStretch {
-    vec2 logs; // log rho within the limit
+    vec2 logs; // log rho within the limit, less what folds of the mesh take of compression
     vec4 axes; // s1, s2: unit vectors in UV
 };
 
@@ -47,7 +47,8 @@ RhytidStretch rhytid_stretch_of(ivec2 at)
 {
     vec4 logs = rhytid_load(rhytid_stretch, ivec2(2 * at.x + 1, at.y));
     RhytidStretch found;
-    found.logs = vec2(rhytid_limited(logs.x), rhytid_limited(logs.y));
+    vec2 limited = vec2(rhytid_limited(logs.x), rhytid_limited(logs.y));
+    found.logs = limited - logs.z * min(limited, vec2(0.0, 0.0));
     found.axes = rhytid_load(rhytid_stretch, ivec2(2 * at.x, at.y));
     return found;
 }
