@@ -101,7 +101,9 @@ def synthesize(
     report = rising(progress)
     report(0.0, "pores")
     surface, across = Surface.of(mesh), neighbours(mesh)
-    folding = None if folds is None else FoldField(mesh, surface, folds, settings.age)
+    folding = None
+    if folds is not None:
+        folding = FoldField(mesh, surface, folds, settings.age, cautious=settings.patches > 0.0)
     patches = Patches.of(surface, settings, unit)
     plain = fields_of(surface, settings, None, folding, patches)
     uneven = fields is not None or (controls is not None and controls.grow)
