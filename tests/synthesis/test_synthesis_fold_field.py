@@ -91,6 +91,33 @@ def test_few_expressions_say_little_of_what_they_leave_alone() -> None:
     assert strong[0] == strong[1] > 1.2
 
 
+def cautious(size: float, moving: int) -> dict[str, float]:
+    """Factors of skin that expressions fold along x alone, so many of them."""
+    found = FoldField(MESH, SURFACE, folded(0.0, moving=moving, size=size), cautious=True)
+    names = ("anisotropy", "certainty", "strength", "primary")
+    return {name: float(found.factor(name, *places())[0]) for name in names}
+
+
+def test_few_expressions_say_little_of_directions() -> None:
+    # What folds a cheek a little in one smile, and a forehead that is raised.
+    little = {moving: cautious(0.04, moving) for moving in (3, 8, 15, 40, 53)}
+    far = {moving: cautious(0.25, moving) for moving in (3, 8, 15, 40)}
+    gathered = [found["anisotropy"] for found in little.values()]
+    assert gathered == sorted(gathered)
+    assert gathered[0] < 1.2
+    assert little[3]["certainty"] < 0.9
+    assert min(found["anisotropy"] for found in far.values()) > 1.9
+    assert min(found["certainty"] for found in far.values()) > 0.99
+    # Of many it makes no difference, nor of how strong lines are.
+    plain = field(folded(0.0, moving=40, size=0.04))
+    for name, found in little[40].items():
+        assert found == pytest.approx(float(plain.factor(name, *places())[0]), rel=1e-5)
+    assert little[40] == little[53]
+    for name in ("strength", "primary"):
+        few = field(folded(0.0, moving=3, size=0.04)).factor(name, *places())[0]
+        assert little[3][name] == pytest.approx(float(few))
+
+
 @pytest.mark.slow
 def test_a_sheet_compressed_along_x_grows_lines_along_y(device: Device) -> None:
     folds = folded(0.0, where=lambda x, y: x > np.median(MESH.positions[:, 0]))

@@ -104,9 +104,10 @@ def synthesize(
     report = rising(progress)
     report(0.0, "pores")
     surface, across = Surface.of(mesh), neighbours(mesh)
-    folding = (
-        None if folds is None else FoldField(mesh, surface, folds, settings.age, settings.rank)
-    )
+    folding = None
+    if folds is not None:
+        cautious = settings.patches > 0.0
+        folding = FoldField(mesh, surface, folds, settings.age, settings.rank, cautious)
     patches = Patches.of(surface, settings, unit)
     plain = fields_of(surface, settings, None, folding, patches)
     uneven = fields is not None or (controls is not None and controls.grow)

@@ -37,6 +37,9 @@ _FIELDS = {
     "density": (0.16, 0.24, 12),
     "turn": (0.22, 0.33, 15),
 }
+# Of what keeps the mean of a log-normal factor at 1, what that of lines needs: weights end at 1,
+# which takes the rest where lines are strong and patches differ much.
+_KEEPS = {"strength": 0.7}
 # Points at a time: what is computed on the way stays in the cache.
 _ROWS = 8192
 _ROW = CELLS + 1
@@ -72,14 +75,14 @@ class Patches:
     def factor(
         self, name: str, amount: Factors, triangle: NDArray[Any], uv: NDArray[Any]
     ) -> Factors:
-        """(N,) factors of a property, 1 in the mean: `strength` of lines, that of pores
+        """(N,) factors of a property, about 1 in the mean: `strength` of lines, that of pores
         `beside_lines` and of `pores` themselves, `pore_radius` or `density`.
 
         amount: (N,) patchiness, 0 for even skin.  triangle (N,), uv (N, 2): of the points.
         """
         deviations = _deviations(name, amount)
         found = self._noise(name, triangle, uv)
-        found -= np.float32(0.5) * deviations
+        found -= np.float32(0.5 * _KEEPS.get(name, 1.0)) * deviations
         found *= deviations
         np.exp(found, out=found)
         return found
@@ -94,7 +97,8 @@ class Patches:
         """The least and the most that a factor can be where patchiness is at most `amount`."""
         deviation = float(_deviations(name, np.array([amount], np.float32))[0])
         most = float(np.abs(table()).max())
-        low, high = (np.exp(deviation * (way * most - 0.5 * deviation)) for way in (-1.0, 1.0))
+        less = 0.5 * _KEEPS.get(name, 1.0) * deviation
+        low, high = (np.exp(deviation * (way * most - less)) for way in (-1.0, 1.0))
         return float(low), float(high)
 
     def _noise(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
