@@ -1,6 +1,6 @@
 // Adds events, single bumps and pits of the skin, to a square that is drawn. Coordinates are texels from
-// the lower left corner of a block, v up, so that any tiling gives the same bits. Heights within 2e-6 of
-// their largest of the same in double, but for places: those of texels are rounded to 2^-18 of a block.
+// the lower left corner of a block, v up, so that any tiling gives the same bits. Within 1e-6 of the
+// height of an event of weight 1 of the same in double.
 #include "least_pore.clh"
 
 #define LANES 8 // texels of a row at once; a block has a whole number of them
