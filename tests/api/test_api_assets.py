@@ -109,7 +109,13 @@ def test_the_mesh_comes_as_other_programs_read_it(client: httpx.Client, asset: s
 
 def test_an_asset_has_figures_of_its_graph(client: httpx.Client, asset: str) -> None:
     found = client.get(f"/v1/assets/{asset}").json()["statistics"]
-    assert found == {"spacing": 0.01, "distance": 0.01, "degree": 1.0, "strengths": [0] * 9 + [1]}
+    assert found == {
+        "spacing": 0.01,
+        "distance": 0.01,
+        "degree": 1.0,
+        "strengths": [0] * 9 + [1],
+        "events": {},
+    }
 
 
 def test_settings_change_without_a_new_asset(client: httpx.Client) -> None:

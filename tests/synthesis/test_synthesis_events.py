@@ -15,10 +15,12 @@ from rhytid.domain.events import EVENT_NAMES, EVENTS
 from rhytid.domain.graph import ORIGINAL
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.skin import REGIONS
+from rhytid.engine.assets.graphs import mean_spacing
 from rhytid.formats.graphs import read_graph, write_graph
 from rhytid.synthesis.events import Events, events_of
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.painted_fields import fields_of
+from rhytid.synthesis.statistics import statistics
 from rhytid.synthesis.surface import Surface
 from synthesis.painted import painted, right
 from synthesis.sheets import places, sheet, tube, uneven
@@ -140,6 +142,17 @@ def test_painted_white_is_double() -> None:
     assert 1.6 * whole < doubled < 2.4 * whole
 
 
+def test_painted_strength_hides_events_and_moves_none() -> None:
+    usual, _ = placed(sheet())
+    hidden, _ = placed(sheet(), controls=painted(strength=right(0.0)))
+    np.testing.assert_array_equal(hidden.points.uv, usual.points.uv)
+    dark, light = (u(usual.points.uv[:, 0]) for u in (lambda x: x > 0.52, lambda x: x < 0.45))
+    assert hidden.weight[dark].max() <= 1e-4
+    np.testing.assert_array_equal(hidden.weight[light], usual.weight[light])
+    strong, _ = placed(sheet(), controls=painted(strength=right(1.0)))
+    np.testing.assert_array_equal(strong.weight, usual.weight)
+
+
 def test_none_lies_on_bare_skin() -> None:
     events, _ = placed(sheet(), controls=painted(density=right(0.0)))
     assert events.points.uv[:, 0].max() < 0.52
@@ -190,6 +203,26 @@ def test_events_over_a_seam_are_copied(device: Device) -> None:
     at = places(Surface.of(mesh), graph)
     assert np.linalg.norm(at[copies] - at[first], axis=1).max() < 0.2
     assert sum(graph.event_counts().values()) == (graph.node_kind > 0).sum() - len(copies)
+
+
+def test_figures_count_no_event_as_a_pore(device: Device) -> None:
+    mesh, settings = sheet(), GraphSettings(wrinkles=3000, rank=0.0, patches=0.0)
+    without, graph = (
+        synthesize(mesh, replace(settings, events=n), device).graph for n in (0.0, 4.0)
+    )
+    found, expected = (statistics(mesh, one, device) for one in (graph, without))
+    assert found["events"] == graph.event_counts() != {}
+    assert expected["events"] == {}
+    for name in ("pores", "drawn_pores", "copied_pores", "distance", "degree"):
+        assert found[name] == expected[name], name
+    triangle = graph.node_triangle
+    assert triangle is not None
+    assert without.node_triangle is not None
+    spacings = (
+        mean_spacing(mesh, graph, triangle),
+        mean_spacing(mesh, without, without.node_triangle),
+    )
+    assert spacings[0] == spacings[1]
 
 
 def test_a_file_holds_the_kinds(device: Device) -> None:

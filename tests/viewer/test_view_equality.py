@@ -194,7 +194,7 @@ def test_heights_of_the_real_face(tmp_path: Path, face: face_data.Face, open_pag
     poses = np.stack([face.positions + delta for delta in face.deltas.values()])
     names = list(face.expression_names)
     shapes = Expressions.checked(poses, len(face.positions), names)
-    settings = AssetSettings.parse({"resolution": 2048})
+    settings = AssetSettings.parse({"resolution": 2048, "graph": {"events": 0.0}})
     with running(tmp_path / "store") as engine:
         asset = built(engine, NewAsset(mesh, settings, shapes=shapes))
         write_package(engine, asset, tmp_path / "skin", shapes)

@@ -6,6 +6,7 @@ import json
 import logging
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ from exports.skin_package.conftest import Written, write_package
 from meshes import deform
 from pipeline.scenes import sheet
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.events import MOST_KIND
+from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import NewAsset
@@ -95,6 +98,20 @@ def test_it_draws_the_map_of_the_service(
         assert worst(engine, asset, new.mesh, tmp_path / "skin", dialect, moved) < close
 
 
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_it_draws_events_where_nothing_is_stretched(tmp_path: Path, dialect: str) -> None:
+    new = new_asset(preset="best")
+    assert isinstance(new.graph, WrinkleGraph)
+    kinds = np.zeros(new.graph.pores, np.int32)
+    kinds[::20] = 1 + np.arange(len(kinds[::20])) % MOST_KIND  # few, so that none overlap
+    eventful = replace(new, graph=replace(new.graph, node_kind=kinds))
+    with running(tmp_path / "store") as engine:
+        asset = built(engine, eventful)
+        write_package(engine, asset, tmp_path / "skin")
+        still = new.mesh.positions
+        assert worst(engine, asset, new.mesh, tmp_path / "skin", dialect, still) < CLOSE
+
+
 def test_it_finds_its_way_over_pages(
     written: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -125,7 +142,7 @@ def test_every_udim_has_its_textures(tmp_path: Path) -> None:
 @pytest.mark.parametrize("preset", ["paper", "best"])
 def test_it_draws_the_real_face(tmp_path: Path, face: face_data.Face, preset: str) -> None:
     mesh = Mesh(face.positions, face.faces, face.uv, face.face_uv)
-    graph = {"wrinkles": 20_000}
+    graph = {"wrinkles": 20_000, "events": 0.0}  # which the package does not widen
     settings = AssetSettings.parse({"preset": preset, "resolution": 1024, "graph": graph})
     with running(tmp_path / "store") as engine:
         asset = built(engine, NewAsset(mesh, settings))
