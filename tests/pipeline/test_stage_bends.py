@@ -42,6 +42,12 @@ def bent(graph: WrinkleGraph, seed: int = 1, steepest: float = 0.6) -> WrinkleGr
 
 
 # Half widths up to a fifth of the length, as the claim has it, when widened by a fifth.
+def shared(graph: WrinkleGraph, seed: int = 5) -> WrinkleGraph:
+    """With shares at random."""
+    share = np.random.default_rng(seed).uniform(0.0, 2.5, graph.wrinkles)
+    return replace(graph, edge_share=share.astype(np.float32))
+
+
 GRAPH = bent(random_graph(41, 120, (0.004, 0.02), (0.15, 0.4), metric=True))
 FINE = bent(random_graph(42, 300, (0.0005, 0.003), (0.03, 0.2), metric=True))
 
@@ -118,6 +124,28 @@ def test_without_the_arrays_and_with_their_settings_at_0_the_drawing_is_the_same
     assert Scene(device, sheet(), plain, settings_of(**on)).elements().line_defines == {}
     for other in maps[1:]:
         np.testing.assert_array_equal(other, maps[0])
+
+
+@pytest.mark.parametrize("changes", [{}, {"response": {"ends": 1.0}}, ALL], ids=str)
+def test_shares_are_those_of_double(device, changes):
+    scene = BentScene(device, sheet(), shared(GRAPH), settings_of(**changes))
+    positions = np.float32(0.93) * deform(scene.mesh.positions, 5, 0.15)
+    found = scene.redrawn(positions, at=(64, 128), side=64)
+    points = drawing.crop(64, 128, 64, 64, 256)
+    wanted = scene.expected(points, positions).reshape(64, 64)
+    assert np.abs(found - wanted).max() <= BOUND
+    plain = Scene(device, scene.mesh, GRAPH, settings_of(**changes))
+    assert np.abs(found - plain.redrawn(positions, at=(64, 128), side=64)).max() > 0.1 * DEPTH
+
+
+def test_shares_of_1_and_no_stretch_change_nothing(device):
+    positions = deform(sheet().positions, 5, 0.15)
+    ones = replace(GRAPH, edge_share=np.ones(GRAPH.wrinkles, np.float32))
+    for graph, frame in ((ones, positions), (shared(GRAPH), None)):
+        maps = [
+            Scene(device, sheet(), one, settings_of(**ALL)).redrawn(frame) for one in (graph, GRAPH)
+        ]
+        np.testing.assert_array_equal(*maps)
 
 
 def test_tiles_are_crops(device):

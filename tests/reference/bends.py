@@ -39,13 +39,28 @@ def at_ends(r: Array, partners: Array | None, share: float) -> Array:
     return found
 
 
+# The most of the depth scale of a wrinkle with shares.
+MOST_SHARED = 7.0
+
+
+def shared_depth(r: Array, exponent: float, share: Array) -> Array:
+    """How deep a wrinkle is at log stretch r that takes `share` of what it would take of the
+    shortening of skin, of what it would be: linear in r, within 0 and the limit of scales."""
+    return np.clip(1.0 - exponent * (np.asarray(share, np.float64) - 1.0) * r, 0.0, WIDEST)
+
+
 def lines(graph: Any, r: Array, response: Any, shape: Any, texel: float, origin: Any) -> Wrinkles:
     """Of the edges at log stretches r (M,), `texel` wide in UV."""
     ends = at_ends(r, graph.edge_partners, response.ends)
     width = scale(ends, response.alpha_w, response.soft_limits)
     depth = scale(ends, -response.alpha_d, response.soft_limits)
+    if graph.edge_share is not None:
+        shares = at_ends(graph.edge_share, graph.edge_partners, response.ends)
+        depth *= shared_depth(ends, response.alpha_d, shares)
     half_width = tapering(graph.edge_half_width, graph.edge_end_half_widths, shape.taper)
     weight = tapering(graph.edge_weight, graph.edge_end_weights, shape.taper)
+    if graph.edge_share is not None:
+        depth = np.minimum(depth, np.minimum(WIDEST / np.maximum(weight, 1e-9), MOST_SHARED))
     weight *= (np.asarray(graph.edge_weight) > 0)[:, None]
     slopes = np.zeros_like(width) if graph.edge_slopes is None else graph.edge_slopes
     return Wrinkles(

@@ -17,19 +17,20 @@ inline float at_end(__global const float *r, int i, int partner, float share)
 }
 
 // A work-item takes LANES wrinkles. partners: of each at its start and at its end, or NULL.
-// share: of the way to the mean, 0 to 1. shares: of each wrinkle at both ends.
+// share: of the way to the mean, 0 to 1. sizes: half widths, then weights at both ends;
+// shares: likewise.
 // scales: (sigma_w at the start, at the end, sigma_d likewise).
 __kernel void respond_ends(__global const float *r, __global const int2 *partners, int count,
                            float share, float width_exponent, float depth_exponent,
 #ifdef SHARED
-                           __global const float2 *shares,
+                           __global const float4 *sizes, __global const float2 *shares,
 #endif
                            __global float4 *scales)
 {
     int first = get_global_id(0) * LANES;
     float start[LANES], end[LANES], found[4][LANES];
 #ifdef SHARED
-    float share_at_start[LANES], share_at_end[LANES];
+    float share_at_start[LANES], share_at_end[LANES], most_at_start[LANES], most_at_end[LANES];
 #endif
     for (int lane = 0; lane < LANES; lane++) {
         int i = min(first + lane, count - 1);
@@ -39,6 +40,8 @@ __kernel void respond_ends(__global const float *r, __global const int2 *partner
 #ifdef SHARED
         share_at_start[lane] = shares[i].x;
         share_at_end[lane] = shares[i].y;
+        most_at_start[lane] = MOST_SHARED(sizes[i].z);
+        most_at_end[lane] = MOST_SHARED(sizes[i].w);
 #endif
     }
     float16 at_start = vload16(0, start), at_stop = vload16(0, end);
@@ -49,6 +52,8 @@ __kernel void respond_ends(__global const float *r, __global const int2 *partner
 #ifdef SHARED
     depth_at_start *= SHARED_DEPTH(at_start, depth_exponent, vload16(0, share_at_start));
     depth_at_stop *= SHARED_DEPTH(at_stop, depth_exponent, vload16(0, share_at_end));
+    depth_at_start = min(depth_at_start, vload16(0, most_at_start));
+    depth_at_stop = min(depth_at_stop, vload16(0, most_at_end));
 #endif
     vstore16(depth_at_start, 0, found[2]);
     vstore16(depth_at_stop, 0, found[3]);

@@ -141,7 +141,7 @@ def _wrinkle_scales(
         yield scales.wrinkles
         return
     response, r = settings.response, device.empty(elements.wrinkles, np.float32)
-    shares = () if elements.shares is None else (elements.shares,)
+    shares = () if elements.shares is None else (elements.sizes, elements.shares)
     yield r
     device.launch(
         "ends", "respond_ends", (-(-elements.wrinkles // VECTOR),),
