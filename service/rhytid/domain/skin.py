@@ -109,7 +109,7 @@ REGIONS: dict[str, Region] = {
     # The largest pores of the face, close together; lines so faint that pores stand alone.
     "nose": Region(
         density=1.3,
-        strength=0.38,
+        strength=0.33,
         pore_strength=3.0,
         anisotropy=0.2,
         scale=0.7,
@@ -139,7 +139,7 @@ REGIONS: dict[str, Region] = {
     # Thin skin: fine lines that fan out from the corner, beside the eye nearly level; small pores.
     "eye_corner": Region(
         density=1.5,
-        strength=1.05,
+        strength=1.2,
         pore_strength=0.8,
         anisotropy=1.8,
         bend=0.4,
@@ -147,7 +147,7 @@ REGIONS: dict[str, Region] = {
         pore_radius=0.5,
         grain=0.8,
         patchiness=1.2,
-        undulation=0.8,
+        undulation=0.6,
         old=Old(strength=1.6, scale=1.2, contrast=1.5, grain=1.8),
     ),
     # A wide net of rhombi, longer than high, that age deepens as a whole; small pores.
@@ -159,7 +159,7 @@ REGIONS: dict[str, Region] = {
         scale=1.0,
         pore_radius=0.7,
         grain=1.2,
-        undulation=1.8,
+        undulation=1.5,
         patchiness=2.0,
         old=Old(strength=2.1, anisotropy=1.1, contrast=1.0, grain=1.2),
     ),
@@ -167,7 +167,7 @@ REGIONS: dict[str, Region] = {
     # mouth folds more than all else of the face, and shows little of it at rest.
     "mouth": Region(
         density=0.95,
-        strength=1.2,
+        strength=1.3,
         pore_strength=0.85,
         anisotropy=0.9,
         scale=1.35,
@@ -188,7 +188,6 @@ _COARSE: dict[str, dict[str, Any]] = {
     "cheek": {"strength": 0.8},
     "nose": {"strength": 0.45},
     "lip": {"density": 1.6, "strength": 1.1, "scale": 0.9},
-    "eye_corner": {"strength": 1.2},
 }
 
 
