@@ -18,7 +18,9 @@ where it is stretched, κ' and κ the curvatures along the axis in the frame and
 the face, as a cheek that bulges, and no fold. Folds take the share 0.9 T² / (1 + T²) of each
 compression, and leave stretch as it is.
 
-So lines keep a tenth at least. What moves rigidly has no folds. The share is continuous in the
+So lines keep a tenth at least. As brows go up, b grows with the square of the raise: folds take
+nothing up to half of it, and near its end more than compression grows by, so that lines fade while
+the folds deepen. What moves rigidly has no folds. The share is continuous in the
 frame and over the surface; it hangs on space alone, not on UV, and on what is near. Curvature is
 that of the normals of the vertices (Rusinkiewicz 2004), which see a third of that of a fold three
 edges long. Finer meshes are smoothed to see no more, as far as `_MOST_ROUNDS` reaches: to edges of

@@ -50,10 +50,13 @@ class BlendClock:
         self._now = time.process_time if device.info.kind == "cpu" else time.perf_counter
         self._settings = settings = subject.settings(grown, resolution)
         self._vectors = self._placed(resolution)
-        self._stage = StretchStage(device, subject.mesh)
-        positions = subject.frames[subject.strongest].positions
+        self._stage = StretchStage(device, subject.mesh, settings.length_unit)
+        positions, response = subject.frames[subject.strongest].positions, settings.response
         self._stretch = self._stage.run(
-            positions, settings.response.log_stretch_limit, soft=settings.response.soft_limits
+            positions,
+            response.log_stretch_limit,
+            soft=response.soft_limits,
+            folds=response.folds,
         )
         self.copy_seconds = self._copy()
         self._paper = self._made(PRESETS["paper"].bins)

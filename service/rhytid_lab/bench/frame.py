@@ -91,11 +91,12 @@ class FrameBench:
         self._pores = pore_arrays(graph, pore, settings, udim)
         self._elements = UdimElements(device, self._wrinkles, self._pores, settings.bins.count)
         self._located = UdimTriangles(device, mesh, udim, size, padding)
-        self._stage = StretchStage(device, mesh)
+        self._stage = StretchStage(device, mesh, settings.length_unit)
         self._limit = settings.response.log_stretch_limit
         self._soft = settings.response.soft_limits
+        self._folds = settings.response.folds
         self._frame = self._stage.run(
-            deformed, self._limit, angles=settings.angles, soft=self._soft
+            deformed, self._limit, angles=settings.angles, soft=self._soft, folds=self._folds
         )
         self._blend = Blend(device, settings, len(mesh.faces), self._wrinkles.share_range)
         self._convolve = Convolve(device, mesh)
@@ -217,7 +218,8 @@ class FrameBench:
         return work[case]()
 
     def _stretch(self) -> list[Buffer]:
-        self._stage.run(self.deformed, self._limit, soft=self._soft).release()
+        run = self._stage.run
+        run(self.deformed, self._limit, soft=self._soft, folds=self._folds).release()
         return []
 
     def _middle(self) -> tuple[int, int, int]:
