@@ -132,11 +132,19 @@ def _interpolated(x: FloatArray, y: FloatArray, z: FloatArray) -> Factors:
         low = np.floor(at)
         shares.append((at - low).astype(np.float32))
         cell *= _ROW
-        cell += low.astype(np.int64) % CELLS
+        cell += low.astype(np.int64) & (CELLS - 1)
     between = [values.take(cell + corner) for corner in _CORNERS]
     for share in shares:
-        between = [a + share * (b - a) for a, b in zip(between[::2], between[1::2], strict=True)]
+        between = [_mix(a, b, share) for a, b in zip(between[::2], between[1::2], strict=True)]
     return between[0]
+
+
+def _mix(one: Factors, two: Factors, share: Factors) -> Factors:
+    """From one to two by a share, in place of two."""
+    two -= one
+    two *= share
+    two += one
+    return two
 
 
 def _planes(surface: Surface, cell: float) -> FloatArray:
