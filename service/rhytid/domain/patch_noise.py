@@ -22,8 +22,8 @@ _SHORTEST = 0.2
 # whole.
 DEVIATION, MOST_DEVIATION = 0.36, 1.0
 STRENGTH_SALT, GRAIN_SALT = 11, 14
-# Cells along a side of the table, and in the longest wave. Values are cut off softly at so many
-# deviations.
+# Cells along a side of the table, a power of two, and in the longest wave. Values are cut off softly
+# at so many deviations.
 CELLS, CELLS_OF_WAVE, _BOUND = 64, 16.0, 1.6
 
 

@@ -123,7 +123,12 @@ class PaintedFields(Fields):
 
     def spacing(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the distance between pores."""
-        return self._spacing_of(self._patched(self._density(triangle, uv), "density", triangle, uv))
+        density = self._density(triangle, uv)
+        if self._patches is not None:
+            # Asked for at many places: alike in all regions, which are not looked up.
+            amount = np.full(1, self._settings.patches, np.float32)
+            density *= self._patches.factor("density", amount, triangle, uv)
+        return self._spacing_of(density)
 
     def _density(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of pores by area, without patches."""
@@ -372,8 +377,7 @@ class PaintedFields(Fields):
             most = float(density_of(np.float32(self._maps["density"].most)))
             low, high = low * max(self._darkest(), BARE), high * most
         if self._patches is not None:
-            patchiness = max(self._skin[name].patchiness for name in self._names_of_regions())
-            bounds = self._patches.bounds("density", patchiness * self._settings.patches)
+            bounds = self._patches.bounds("density", self._settings.patches)
             low, high = low * bounds[0], high * bounds[1]
         # Nothing is to be cut off, whatever else is painted.
         slack = 1e-6 if (low, high) != (1.0, 1.0) else 0.0

@@ -34,7 +34,7 @@ _FIELDS = {
     "beside_lines": (0.12, 0.25, STRENGTH_SALT),
     "pores": (0.16, 0.3, 13),
     "pore_radius": (0.10, 0.2, 13),
-    "density": (0.16, 0.24, 12),
+    "density": (0.18, 0.3, 12),
     "turn": (0.22, 0.33, 15),
 }
 # Of what keeps the mean of a log-normal factor at 1, what that of lines needs: weights end at 1,
@@ -78,7 +78,8 @@ class Patches:
         """(N,) factors of a property, about 1 in the mean: `strength` of lines, that of pores
         `beside_lines` and of `pores` themselves, `pore_radius` or `density`.
 
-        amount: (N,) patchiness, 0 for even skin.  triangle (N,), uv (N, 2): of the points.
+        amount: (N,) patchiness, 0 for even skin; (1,) of all.  triangle (N,), uv (N, 2): of the
+        points.
         """
         deviations = _deviations(name, amount)
         found = self._noise(name, triangle, uv)
@@ -131,11 +132,19 @@ def _interpolated(x: FloatArray, y: FloatArray, z: FloatArray) -> Factors:
         low = np.floor(at)
         shares.append((at - low).astype(np.float32))
         cell *= _ROW
-        cell += low.astype(np.int64) % CELLS
+        cell += low.astype(np.int64) & (CELLS - 1)
     between = [values.take(cell + corner) for corner in _CORNERS]
     for share in shares:
-        between = [a + share * (b - a) for a, b in zip(between[::2], between[1::2], strict=True)]
+        between = [_mix(a, b, share) for a, b in zip(between[::2], between[1::2], strict=True)]
     return between[0]
+
+
+def _mix(one: Factors, two: Factors, share: Factors) -> Factors:
+    """From one to two by a share, in place of two."""
+    two -= one
+    two *= share
+    two += one
+    return two
 
 
 def _planes(surface: Surface, cell: float) -> FloatArray:
