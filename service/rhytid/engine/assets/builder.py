@@ -234,6 +234,7 @@ class AssetBuilder:
         found = synthesize(
             request.mesh, request.settings.graph, self._device, report,
             call=self._on_device.run_patiently, controls=request.controls, folds=request.folds,
+            unit=request.settings.length_unit,
         )  # fmt: skip
         if request.settings.graph.age == USUAL_AGE:
             return found.graph, found
