@@ -30,6 +30,7 @@ OPTIONAL: dict[str, Any] = {
     "node_copy_of": np.array([-1, 0, 0], np.int32),
     "edge_copy_of": np.array([-1, 0], np.int32),
     "edge_metric": np.array([[0, 0, 0], [4, 1, 9]], np.float32),
+    "edge_share": np.array([0, 2.5], np.float32),
 }
 METADATA = {"asset": "a1b2", "seed": "1", "unit": "µm", "": "empty"}
 
@@ -113,8 +114,10 @@ def test_refused(data: bytes, message: str) -> None:
         ("edge_copy_of", [1, 0], r"edge_copy_of\[0\] is 1: must be -1 or a row that is no copy"),
         ("edge_copy_of", [0, -1], r"edge_copy_of\[0\] is 0: must be -1 or a row that is no copy"),
         ("edge_metric", [[0, 0, 0], [4, 9, 9]], r"edge_metric\[1\] is .* must be 0 or a UV metric"),
+        ("edge_share", np.float32([0, 8.5]), r"edge_share\[1\] is 8.5: must be from 0 to 8"),
+        ("edge_share", np.float32([1]), r"edge_share has 1 row, edge_nodes has 2"),
     ],
 )
-def test_copies_that_cannot_be_are_refused(name: str, value: Any, rule: str) -> None:
+def test_what_cannot_be_is_refused(name: str, value: Any, rule: str) -> None:
     with pytest.raises(GraphError, match=rule):
         WrinkleGraph(**{**ARRAYS, name: np.array(value)})

@@ -239,6 +239,21 @@ def test_partners_and_factors_of_nodes_follow(mesh: Mesh, graph: WrinkleGraph) -
     assert len(copies)
 
 
+def test_shares_follow_and_copies_have_those_of_their_originals(
+    mesh: Mesh, graph: WrinkleGraph
+) -> None:
+    share = np.linspace(0, 3, graph.wrinkles).astype(np.float32)
+    moved = transfer(replace(graph, edge_share=share), mesh, cut_up(mesh)).graph
+
+    assert moved.edge_share is not None
+    assert moved.edge_copy_of is not None
+    own, copies = np.flatnonzero(moved.own_edges), np.flatnonzero(~moved.own_edges)
+    assert np.array_equal(moved.edge_share[own], share[graph.own_edges])
+    assert len(copies)
+    assert np.array_equal(moved.edge_share[copies], moved.edge_share[moved.edge_copy_of[copies]])
+    assert transfer(graph, mesh, mesh).graph.edge_share is None
+
+
 def test_arcs_at_seams_stay_as_they_are(mesh: Mesh, graph: WrinkleGraph) -> None:
     """Slopes there are meant where footprints are round, before and after."""
     moved = transfer(graph, mesh, mesh).graph

@@ -77,6 +77,15 @@ def test_what_has_a_metric_keeps_it_where_nothing_is_copied(device: Device) -> N
     assert (left.edge_slopes != of_edges["edge_slopes"]).any()
 
 
+def test_copies_take_the_share_of_their_originals(device: Device) -> None:
+    given = given_to_copy(device, folded())
+    share = np.linspace(0, 3, len(given[0]["edge_nodes"])).astype(np.float32)
+    graph = copied(given, edge_share=share)
+    copies = np.flatnonzero(~graph.own_edges)[-20:]
+    assert len(graph.edge_share) == graph.wrinkles
+    np.testing.assert_array_equal(graph.edge_share[copies], share[graph.edge_copy_of[copies]])
+
+
 @pytest.mark.slow
 def test_far_from_a_seam_nothing_is_changed(device: Device) -> None:
     given = given_to_copy(device, folded(across=0.05, steps=(1, 3) * (N // 2)))

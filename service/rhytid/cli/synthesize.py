@@ -104,7 +104,8 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     warnings.note(str(BuildSize.of(mesh, wrinkles)))
     with share_bar("synthesis") as show:
         clock, seconds = clocked(show)
-        made = synthesize(mesh, settings, device, clock, controls=controls, folds=folds, unit=unit)
+        grow = partial(synthesize, mesh, device=device, controls=controls, folds=folds, unit=unit)
+        made = grow(settings, progress=clock)
     drawn = AssetSettings(unit=unit, graph=settings).with_lengths(made.lengths)
     warnings.lengths(drawn, made.distance)
     origin = GraphOrigin.of(mesh, unit, drawn.lengths(made.spacing), settings.start)
@@ -115,8 +116,6 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     if folds is not None and arguments.preview is not None:
         _draw_lines(mesh, folds, arguments.preview)
         if folds.regions:
-            grow = partial(synthesize, mesh, device=device, controls=controls, folds=folds)
-            grow = partial(grow, unit=unit)
             skins = (_aged(grow, made, settings, replace(settings, age=a), unit) for a in ages)
             _draw_regions(device, mesh, folds, skins, arguments.preview)
 

@@ -37,7 +37,7 @@ _BESIDE, _FOLDED, _REACH = 0.45, 0.45, 4.0
 # Share of the shortening that a leader takes, of what it would take by itself, at rank 1, and how
 # much less one of weight 1 takes; what others are left at least, of what they would take; how far
 # leaders take it from, in pore spacings.
-_TAKES, _DEEP_TAKES, _LEFT, _STRIP = 1.95, 0.6, 0.35, 6.5
+_TAKES, _DEEP_TAKES, _LEFT, _STRIP = 1.95, 0.6, 0.35, 5.0
 # Pores on a leader would be beads on a string: of their depth is left.
 _BEADS = 0.6
 

@@ -227,7 +227,7 @@ def _within_tile(skin: Skin, patch: FlatPatch, side: float) -> tuple[TileAddress
 def _crop(
     skin: Skin, address: TileAddress, patch: FlatPatch, layer: int, sample: int, side: float
 ) -> NDArray[np.float64]:
-    step = quantisation_steps(skin.settings)[layer, sample]
+    step = quantisation_steps(skin.settings, skin.shares)[layer, sample]
     codes = skin.bin_map(address, layer * skin.settings.bins.samples + sample)
     return surface_crop(codes * step, patch, side, _SIZE, deformed=False)
 

@@ -59,7 +59,7 @@ class Scene:
     @property
     def steps(self) -> Floats:
         """(N + 1, M) displacement of a code."""
-        return quantisation_steps(self.settings)
+        return quantisation_steps(self.settings, self.wrinkles.share_range)
 
     @cached_property
     def triangles(self) -> NDArray[np.int32]:

@@ -17,6 +17,7 @@ from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import METHODS, MapQuery
+from rhytid.pipeline.bins import ShareRange
 
 Map = NDArray[np.float32]
 
@@ -73,6 +74,11 @@ class Skin:
     def settings(self) -> AssetSettings:
         """The settings of the next map."""
         return self._asset.mesh.settings
+
+    @property
+    def shares(self) -> ShareRange:
+        """The range of the shares of its wrinkles."""
+        return self._asset.mesh.shares
 
     def use(self, **changes: Any) -> None:
         """Take the first settings again, with `changes` (as JSON) put in."""

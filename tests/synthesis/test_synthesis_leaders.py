@@ -1,0 +1,226 @@
+"""Leaders: where they are, which way they run, how far apart, and what others leave them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from pipeline.test_stage_seams import folded as two_charts
+from rhytid.device.runtime import Device
+from rhytid.domain.asset_settings import GraphSettings
+from rhytid.domain.expressions import ENOUGH, Folds
+from rhytid.domain.mesh import Mesh
+from rhytid.synthesis.candidate_graph import Ground
+from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.fold_field import FoldField
+from rhytid.synthesis.generate import Synthesis, synthesize
+from rhytid.synthesis.leader_trails import LONGEST, SHORTEST, STEP
+from rhytid.synthesis.leaders import LeaderPores, Leaders, leaders_of, unit_length
+from rhytid.synthesis.painted_fields import fields_of
+from rhytid.synthesis.seams.borders import Borders
+from rhytid.synthesis.seams.charts import neighbours
+from rhytid.synthesis.surface import Surface
+from rhytid.synthesis.workspace import Workspace
+from synthesis import sheets
+
+# A sheet of 100 pore spacings, which counts as 5 cm where the unit is not known.
+MESH, COUNT, SPACING = sheets.sheet(), 15_000, 0.01
+MILLIMETRE = 2 * SPACING
+
+
+def folds(mesh: Mesh = MESH, angle: float = 0.0, size: float = 0.15) -> Folds:
+    """Compressed along `angle` degrees to x right of the middle, and not at all left of it."""
+    axis = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0.0])
+    rows = size**2 * np.outer(axis, axis)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    right = mesh.positions[:, 0] > np.median(mesh.positions[:, 0])
+    return Folds((right[:, None] * rows).astype(np.float32), ENOUGH)
+
+
+def traced(
+    device: Device, mesh: Mesh, folds: Folds, seed: int = 1, spacing: float = SPACING
+) -> tuple[Leaders, LeaderPores]:
+    surface, across = Surface.of(mesh), neighbours(mesh)
+    settings = GraphSettings(seed=seed)
+    fields = fields_of(surface, settings, None, FoldField(mesh, surface, folds))
+    with Workspace(device) as work:
+        ground = Ground(work, surface, across, fields, Borders.of(mesh, surface, across))
+        found = leaders_of(ground, spacing / surface.scale, settings)
+        assert found is not None
+        return found, found.pores(spacing / surface.scale)
+
+
+@cache
+def flat(device: Device) -> tuple[Leaders, LeaderPores]:
+    return traced(device, MESH, folds())
+
+
+@cache
+def grown(device: Device, rank: float) -> Synthesis:
+    settings = GraphSettings(wrinkles=COUNT, rank=rank)
+    return synthesize(MESH, settings, device, folds=folds())
+
+
+def lines_of(pores: LeaderPores) -> list[np.ndarray]:
+    """(N, 3) the places of the pores of each leader."""
+    return [pores.points.position[pores.line == line] for line in np.unique(pores.line)]
+
+
+def test_they_run_across_what_is_compressed_and_nowhere_else(device: Device) -> None:
+    _, pores = flat(device)
+    assert (pores.points.uv[:, 0] > 0.47).all()
+    ways = np.concatenate([np.diff(line, axis=0) for line in lines_of(pores)])
+    turn = np.degrees(np.arctan2(ways[:, 1], ways[:, 0])) % 180.0
+    assert np.median(turn) == pytest.approx(90.0, abs=8.0)
+    assert np.percentile(np.abs(turn - 90.0), 95) < 35.0
+    level = np.concatenate(
+        [np.diff(line, axis=0) for line in lines_of(traced(device, MESH, folds(angle=90.0))[1])]
+    )
+    assert np.abs(level[:, 0]).sum() > 3 * np.abs(level[:, 1]).sum()
+
+
+def test_they_are_long_uneven_and_smooth(device: Device) -> None:
+    leaders, pores = flat(device)
+    length = (leaders.last - leaders.first) * STEP
+    assert len(leaders) > 10
+    assert length.min() >= SHORTEST
+    assert length.max() <= LONGEST
+    assert length.std() > 1.5
+    turns = []
+    for line in lines_of(pores):
+        way = np.diff(line, axis=0)
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        turns += np.degrees(np.arccos(np.clip((way[1:] * way[:-1]).sum(axis=1), -1, 1))).tolist()
+    assert np.percentile(turns, 95) < 25.0
+    assert np.median(turns) < 12.0
+
+
+def test_they_keep_their_distance(device: Device) -> None:
+    leaders, pores = flat(device)
+    place, line = pores.points.position, pores.line
+    middle = np.flatnonzero(
+        pores.depth > 0.7 * np.sqrt(leaders.trails.wishes.size[leaders.row])[line]
+    )
+    near = cKDTree(place).query_ball_point(place[middle], 1.2 * MILLIMETRE)
+    assert all((line[found] == line[i]).all() for i, found in zip(middle, near, strict=True))
+
+
+def test_they_taper_to_both_ends_and_differ_in_depth(device: Device) -> None:
+    leaders, pores = flat(device)
+    deepest = []
+    for line in range(len(leaders)):
+        depth = pores.depth[pores.line == line]
+        assert max(depth[0], depth[-1]) < 0.35 * depth.max()
+        deepest.append(depth.max())
+    assert np.std(deepest) > 0.1 * np.mean(deepest)
+
+
+def test_pores_on_them_are_as_far_apart_as_others_and_joined(device: Device) -> None:
+    _, pores = flat(device)
+    steps = np.concatenate([np.linalg.norm(np.diff(x, axis=0), axis=1) for x in lines_of(pores)])
+    assert steps.min() > 1.05 * SPACING
+    assert steps.max() < 1.7 * SPACING
+
+
+@pytest.mark.parametrize("mesh", [sheets.tube(), two_charts()], ids=["tube", "charts"])
+def test_they_cross_seams(device: Device, mesh: Mesh) -> None:
+    """A tube that is compressed along its axis has rings, some of which go over the cut."""
+    tensor = np.zeros((len(mesh.positions), 6), np.float32)
+    tensor[:, 1] = 0.15**2
+    _, pores = traced(device, mesh, Folds(tensor, ENOUGH), spacing=0.02)
+    jumps = 0
+    for line in np.unique(pores.line):
+        of = np.flatnonzero(pores.line == line)
+        apart = np.linalg.norm(np.diff(pores.points.position[of], axis=0), axis=1)
+        assert apart.max() < 1.2 * 1.5 * 0.02
+        jumps += int((np.abs(np.diff(pores.points.uv[of], axis=0)).max(axis=1) > 0.1).any())
+    assert jumps > 2
+
+
+def test_the_same_seed_gives_the_same_and_another_others(device: Device) -> None:
+    one, again = flat(device)[1], traced(device, MESH, folds())[1]
+    for name in ("line", "depth", "width"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(again, name))
+    np.testing.assert_array_equal(one.points.uv, again.points.uv)
+    other = traced(device, MESH, folds(), seed=2)[1]
+    assert len(other) != len(one) or not np.array_equal(other.points.uv, one.points.uv)
+
+
+def test_a_power_of_two_changes_nothing(device: Device) -> None:
+    big = sheets.sheet(scale=4.0)
+    one, two = flat(device)[1], traced(device, big, folds(big), spacing=4 * SPACING)[1]
+    np.testing.assert_array_equal(one.points.uv, two.points.uv)
+    np.testing.assert_array_equal(one.depth, two.depth)
+
+
+def test_what_folds_elsewhere_moves_none(device: Device) -> None:
+    """The upper half folds, too, or does not: far below the leaders are the same."""
+    y = MESH.positions[:, 1]
+    tensor = folds().tensor.copy()
+    tensor[y > 0.8] = 0.0
+    one, two = flat(device)[1], traced(device, MESH, Folds(tensor, ENOUGH))[1]
+    below = [p.points.uv[p.points.position[:, 1] < 0.3].tolist() for p in (one, two)]
+    assert below[0] == below[1]
+    assert one.points.position[:, 1].max() > 0.9 > two.points.position[:, 1].max()
+
+
+def test_even_skin_and_rank_0_have_none(device: Device) -> None:
+    surface, across = Surface.of(MESH), neighbours(MESH)
+    with Workspace(device) as work:
+        ground = Ground(work, surface, across, Fields(), Borders.of(MESH, surface, across))
+        assert leaders_of(ground, 0.01, GraphSettings()) is None
+    assert grown(device, 0.0).graph.edge_share is None
+    assert synthesize(MESH, GraphSettings(wrinkles=3000), device).graph.edge_share is None
+
+
+@pytest.mark.parametrize(
+    ("unit", "spacing", "found"),
+    [("cm", 0.05, 0.1), ("mm", 0.5, 1.0), (None, 0.05, 0.1), ("cm", 0.3, 0.3), ("ell", 0.05, 0.1)],
+)
+def test_millimetres_go_by_the_unit_or_by_the_pores(
+    unit: str | None, spacing: float, found: float
+) -> None:
+    assert unit_length(unit, spacing) == pytest.approx(found)
+
+
+def test_leaders_are_deepest_and_go_on_as_one(device: Device) -> None:
+    graph = grown(device, 1.0).graph
+    leads = np.flatnonzero(graph.edge_share > 1.0)
+    others = np.setdiff1d(np.arange(graph.wrinkles), leads)
+    assert 200 < len(leads) < 0.1 * graph.wrinkles
+    assert graph.edge_half_width[leads].mean() > 1.5 * graph.edge_half_width[others].mean()
+    assert (graph.edge_share[others] <= 1.0).all()
+    partner = graph.edge_partners[leads]
+    among = np.isin(partner, leads)
+    assert among.all(axis=1).mean() > 0.7  # but at the ends of each
+    plain = grown(device, 0.0).graph
+    right = graph.node_uv[graph.edge_nodes[others], 0].mean(axis=1) > 0.55
+    before = plain.node_uv[plain.edge_nodes, 0].mean(axis=1) > 0.55
+    assert graph.edge_weight[others][right].mean() < 0.75 * plain.edge_weight[before].mean()
+
+
+def test_over_a_strip_of_skin_the_mean_share_is_1(device: Device) -> None:
+    graph = grown(device, 1.0).graph
+    ends = sheets.places(Surface.of(MESH), graph)[graph.edge_nodes]
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    mass = graph.edge_weight * graph.edge_half_width * length
+    share = graph.edge_share.astype(float)
+    assert (mass * share).sum() == pytest.approx(mass.sum(), rel=1e-5)
+    middle, strip = ends.mean(axis=1), 8 * MILLIMETRE
+    cell = np.floor(middle[:, :2] / strip).astype(int) @ [1, 100]
+    for one in np.unique(cell):
+        here = cell == one
+        if mass[here].sum() > 0.2 * mass.sum() / len(np.unique(cell)):
+            assert (mass * share)[here].sum() == pytest.approx(mass[here].sum(), rel=0.16)
+    assert share.max() > 1.3
+    assert share.min() < 0.9
+
+
+def test_pores_stay_apart_around_leaders(device: Device) -> None:
+    made = grown(device, 1.0)
+    place = sheets.places(Surface.of(MESH), made.graph)[made.graph.own_nodes]
+    nearest = cKDTree(place).query(place, k=2)[0][:, 1]
+    assert nearest.min() > 0.85 * made.spacing / 1.0935 * 0.999
+    assert made.distance == pytest.approx(grown(device, 0.0).distance, rel=0.02)
