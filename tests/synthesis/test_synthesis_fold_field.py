@@ -121,7 +121,9 @@ def test_few_expressions_say_little_of_directions() -> None:
 @pytest.mark.slow
 def test_a_sheet_compressed_along_x_grows_lines_along_y(device: Device) -> None:
     folds = folded(0.0, where=lambda x, y: x > np.median(MESH.positions[:, 0]))
-    made = synthesize(MESH, GraphSettings(wrinkles=COUNT, patches=0.0), device, folds=folds)
+    # Beside leaders and patches fine lines cross each other, so that the mean says little.
+    settings = GraphSettings(wrinkles=COUNT, rank=0.0, patches=0.0)
+    made = synthesize(MESH, settings, device, folds=folds)
     left, right_half = halves(MESH, made.graph)
     assert made.graph.wrinkles == COUNT
     assert right_half.axis == pytest.approx(90.0, abs=9.0)

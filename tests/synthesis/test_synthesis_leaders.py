@@ -172,6 +172,8 @@ def test_even_skin_and_rank_0_have_none(device: Device) -> None:
         ground = Ground(work, surface, across, Fields(), Borders.of(MESH, surface, across))
         assert leaders_of(ground, 0.01, GraphSettings()) is None
     assert grown(device, 0.0).graph.edge_share is None
+    faint = synthesize(MESH, GraphSettings(wrinkles=3000), device, folds=folds(size=1e-3)).graph
+    assert faint.edge_share is None
     assert synthesize(MESH, GraphSettings(wrinkles=3000), device).graph.edge_share is None
 
 

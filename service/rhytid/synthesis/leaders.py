@@ -63,7 +63,7 @@ class LeaderPores:
 def leaders_of(
     ground: Ground, spacing: float, settings: GraphSettings, progress: Progress = silent
 ) -> Leaders | None:
-    """The leaders of a ground; None where its skin does not fold, or settings ask for none.
+    """The leaders of a ground; None where it has none, or settings ask for none.
 
     spacing: mean distance of pores on even skin, on the surface.
     """
@@ -71,7 +71,8 @@ def leaders_of(
         return None
     scale = ground.surface.scale
     millimetre = unit_length(ground.unit, spacing * scale) / scale
-    return Leaders.of(ground, millimetre, settings.start, progress)
+    found = Leaders.of(ground, millimetre, settings.start, progress)
+    return found if len(found) else None
 
 
 def unit_length(name: str | None, spacing: float) -> float:
