@@ -18,6 +18,7 @@ from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.patch_noise import (
     DEVIATION,
     GRAIN_SALT,
+    LEAST,
     MOST_DEVIATION,
     STRENGTH_SALT,
     cell_size,
@@ -150,7 +151,7 @@ def test_grain_and_undulation_are_as_patchy_as_pores_say(device, salt, octaves, 
     places = corners[:, 0] + np.einsum("pij,pj->pi", jacobian, points - uv[:, 0])
     factor = patches_reference.factor(
         places, cell_size(settings), table(), placement(settings.graph.start, salt), share,
-        DEVIATION, MOST_DEVIATION,
+        DEVIATION, MOST_DEVIATION, LEAST,
     ).reshape(noise.shape)  # fmt: skip
     wanted = np.clip(factor * noise, -128 * reference.STEP, 127 * reference.STEP)
     there = (sure & (index >= 0)).reshape(noise.shape)

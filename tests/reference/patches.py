@@ -1,4 +1,5 @@
-"""Factors of relief from patch to patch: log-normal, of mean 1, by a periodic table of noise."""
+"""Factors of relief from patch to patch, of mean 1: a share everywhere, the rest log-normal by a
+periodic table of noise."""
 
 from __future__ import annotations
 
@@ -10,16 +11,16 @@ from reference.inputs import Array
 
 def factor(
     places: Array, cell: float, table: Array, rows: Array, amount: Array, deviation: float,
-    most: float,
+    most: float, least: float,
 ) -> Array:  # fmt: skip
     """(P,) at places (P, 3), mesh units.
 
     cell: of the table, mesh units.  table: (n + 1,)³, the last nodes the first again.  rows:
     (3, 4), how it lies in space.  amount: (P,) patchiness; deviation of logarithms where that is 1,
-    and the most."""
+    and the most.  least: the share."""
     own = np.asarray(table, np.float64)[:-1, :-1, :-1]
     at = places / cell @ np.asarray(rows)[:, :3].T + np.asarray(rows)[:, 3]
     noise = map_coordinates(own, at.T, order=1, mode="grid-wrap")
     spread = np.minimum(deviation * amount, most)
-    found: Array = np.exp(spread * noise - spread**2 / 2)
+    found: Array = least + (1 - least) * np.exp(spread * noise - spread**2 / 2)
     return found

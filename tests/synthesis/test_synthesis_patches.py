@@ -139,7 +139,7 @@ def test_properties_and_seeds_have_fields_of_their_own_and_sides_differ() -> Non
     assert apart.max() < 0.15
     # Pores are as lively as the lines beside them.
     beside = np.log(patches().factor("beside_lines", even, triangle, uv))
-    assert np.corrcoef(beside, fields[0])[0, 1] > 0.9999
+    assert np.corrcoef(beside, fields[0])[0, 1] > 0.99
 
 
 def test_0_is_even_skin() -> None:

@@ -17,13 +17,14 @@ Placement = tuple[tuple[float, float, float, float], ...]
 # grows as the wavelength.
 LONGEST = LargestWave(millimetres=20.0, of_spacing=40.0)
 _SHORTEST = 0.2
-# Of the undulation and of the grain where patchiness is 1, and the most: deviations of logarithms.
+# Relief is LEAST everywhere, and the rest of it log-normal: so the quietest skin is not bare.
+# Deviations of logarithms for undulation and grain where patchiness is 1, and the most.
+LEAST, DEVIATION, MOST_DEVIATION = 0.25, 0.48, 1.1
 # Salts of their fields: undulation follows the strength of lines, for skin is quiet or lively as a
 # whole.
-DEVIATION, MOST_DEVIATION = 0.36, 1.0
 STRENGTH_SALT, GRAIN_SALT = 11, 14
-# Cells along a side of the table, a power of two, and in the longest wave. Values are cut off softly
-# at so many deviations.
+# Cells along a side of the table, a power of two, and in the longest wave. Values are cut off
+# softly at so many deviations.
 CELLS, CELLS_OF_WAVE, _BOUND = 64, 16.0, 1.6
 
 

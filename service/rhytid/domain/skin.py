@@ -89,7 +89,7 @@ REGIONS: dict[str, Region] = {
         scale=1.2,
         pore_radius=0.9,
         undulation=1.3,
-        patchiness=2.0,
+        patchiness=2.1,
         old=Old(strength=1.2, contrast=1.3, grain=1.3),
     ),
     # Led by large pores; a fine net of rhombi without much of a direction, faint.

@@ -24,6 +24,7 @@ from rhytid.domain.patch_noise import CELLS as PATCH_CELLS
 from rhytid.domain.patch_noise import (
     DEVIATION,
     GRAIN_SALT,
+    LEAST,
     MOST_DEVIATION,
     STRENGTH_SALT,
     cell_size,
@@ -125,7 +126,7 @@ def grain_codes(
         np.int32(settings.resolution), np.int32(row), np.int32(column),
         np.uint32(settings.graph.start), *_shares(settings), planes.table, patches,
         np.array([DEVIATION, MOST_DEVIATION], np.float32), codes,
-        defines={"PATCH_CELLS": PATCH_CELLS},
+        defines={"PATCH_CELLS": PATCH_CELLS, "PATCH_LEAST": f"{LEAST}f"},
     )  # fmt: skip
     device.finish()
     patches.release()

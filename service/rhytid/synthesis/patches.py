@@ -17,6 +17,7 @@ from rhytid.domain.lengths import Lengths
 from rhytid.domain.patch_noise import (
     CELLS,
     CELLS_OF_WAVE,
+    LEAST,
     LONGEST,
     MOST_DEVIATION,
     STRENGTH_SALT,
@@ -30,7 +31,7 @@ Factors = NDArray[np.float32]
 # Deviations of logarithms where patchiness is 1, and the most, of the turn in radians; and salts of
 # the fields. Pores are livelier where lines are (`beside_lines`), and vary among themselves.
 _FIELDS = {
-    "strength": (0.34, MOST_DEVIATION, STRENGTH_SALT),
+    "strength": (0.48, MOST_DEVIATION, STRENGTH_SALT),
     "beside_lines": (0.12, 0.25, STRENGTH_SALT),
     "pores": (0.16, 0.3, 13),
     "pore_radius": (0.10, 0.2, 13),
@@ -39,7 +40,7 @@ _FIELDS = {
 }
 # Of what keeps the mean of a log-normal factor at 1, what that of lines needs: weights end at 1,
 # which takes the rest where lines are strong and patches differ much.
-_KEEPS = {"strength": 0.7}
+_KEEPS = {"strength": 0.8}
 # Points at a time: what is computed on the way stays in the cache.
 _ROWS = 8192
 _ROW = CELLS + 1
@@ -86,7 +87,7 @@ class Patches:
         found -= np.float32(0.5 * _KEEPS.get(name, 1.0)) * deviations
         found *= deviations
         np.exp(found, out=found)
-        return found
+        return _with_least(name, found)
 
     def turn(self, amount: Factors, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """(N,) radians by which directions sway; the arguments of `factor`."""
@@ -99,7 +100,8 @@ class Patches:
         deviation = float(_deviations(name, np.array([amount], np.float32))[0])
         most = float(np.abs(table()).max())
         less = 0.5 * _KEEPS.get(name, 1.0) * deviation
-        low, high = (np.exp(deviation * (way * most - less)) for way in (-1.0, 1.0))
+        ends = np.exp(deviation * (np.array([-most, most]) - less))
+        low, high = _with_least(name, ends.astype(np.float32))
         return float(low), float(high)
 
     def _noise(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -123,6 +125,14 @@ def _deviations(name: str, amount: Factors) -> Factors:
     usual, most, _ = _FIELDS[name]
     found: Factors = np.minimum(np.float32(usual) * amount, np.float32(most))
     return found
+
+
+def _with_least(name: str, factor: Factors) -> Factors:
+    """A log-normal factor, in place: of lines all but LEAST of it."""
+    if name == "strength":
+        factor *= np.float32(1.0 - LEAST)
+        factor += np.float32(LEAST)
+    return factor
 
 
 def _interpolated(x: FloatArray, y: FloatArray, z: FloatArray) -> Factors:
