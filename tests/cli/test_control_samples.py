@@ -22,6 +22,7 @@ LEFT_OUT = {
     "graph.region": "its masks are shown",
     "response.log_stretch_limit": "is for slivers",
     "response.ends": "shows in motion",
+    "response.folds": "shows in motion",
     "response.soft_limits": "shows in motion",
     "shape.least_half_width": "is in texels",
     "shape.wave_frequency": "changes nothing at the usual amplitude of 0",
