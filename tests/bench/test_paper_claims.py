@@ -115,7 +115,7 @@ def test_redraw_keeps_the_relief_of_pores_that_hardly_deform(device: Device) -> 
 def pore_reliefs(skin: Skin, graph: WrinkleGraph, a: float, method: str) -> NDArray[np.float64]:
     """Depths of the strong pores around the centre, in units of those of the neutral map."""
     nodes = graph.node_uv[graph.node_weight > 0.16]
-    at = nodes[np.abs(nodes - 0.5).max(axis=1) < 0.12]
+    at = nodes[np.abs(nodes - 0.5).max(axis=1) < 0.1]
     place = np.stack([(1 - at[:, 1]) * SIZE - 0.5, at[:, 0] * SIZE - 0.5])
     maps = [skin.map(f, m) for f, m in ((frame(a, a), method), (frame(1.0, 1.0), "neutral"))]
     deformed, neutral = (map_coordinates(heights, place, order=1) for heights in maps)

@@ -111,9 +111,9 @@ def measured(
 
 
 def grow(device: Device, mesh: Mesh, wrinkles: int, progress: Progress = silent) -> Grown:
-    """Synthesise a graph of so many wrinkles."""
-    graph = AssetSettings.parse({"graph": {"wrinkles": wrinkles}}).graph
-    made = synthesize(mesh, graph, device, progress)
+    """Synthesise a graph of so many wrinkles: the even skin of the paper, whatever draws it."""
+    settings = AssetSettings.parse({"preset": "paper", "graph": {"wrinkles": wrinkles}})
+    made = synthesize(mesh, settings.graph, device, progress)
     return Grown(made.graph, made.spacing)
 
 
