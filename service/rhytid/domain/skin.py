@@ -89,7 +89,7 @@ REGIONS: dict[str, Region] = {
         scale=1.2,
         pore_radius=0.9,
         undulation=1.5,
-        patchiness=2.1,
+        patchiness=2.3,
         leading=1.3,
         old=Old(strength=1.2, contrast=1.3, grain=1.3),
     ),
