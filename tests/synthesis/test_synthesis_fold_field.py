@@ -9,6 +9,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.expressions import ENOUGH, Folds
 from rhytid.domain.painted_maps import Controls
+from rhytid.domain.skin import REGIONS
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.generate import synthesize
@@ -238,5 +239,6 @@ def test_regions_of_folds_change_how_many_wrinkles_there_are(device: Device) -> 
     settings = GraphSettings(wrinkles=COUNT, patches=0.0, anatomy="coarse")
     made = synthesize(MESH, settings, device, folds=folds)
     left, right_half = halves(MESH, made.graph)
-    assert made.graph.wrinkles == pytest.approx(COUNT * 1.3, rel=0.03)
-    assert right_half.spacing == pytest.approx(left.spacing * 1.6**-0.5, rel=0.04)
+    density = REGIONS["lip"].density
+    assert made.graph.wrinkles == pytest.approx(COUNT * (1.0 + density) / 2.0, rel=0.03)
+    assert right_half.spacing == pytest.approx(left.spacing * density**-0.5, rel=0.04)

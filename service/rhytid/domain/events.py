@@ -59,7 +59,7 @@ EVENTS: dict[str, Event] = {
         groups=9.0,
         rates={
             WHOLE_FACE: 1.2, "forehead": 0.9, "cheek": 1.4, "nose": 0.2, "lip": 0.0,
-            "eye_corner": 0.1, "neck": 2.4,
+            "eye_corner": 0.1, "neck": 3.0, "mouth": 2.2,
         },
     ),
     # Low and broad, most of the young.
@@ -101,7 +101,7 @@ EVENTS: dict[str, Event] = {
         },
     ),
     "mole": Event(
-        radius=(1.2, 3.0),
+        radius=(1.0, 2.4),
         steepness=(0.09, 0.16),
         longer=1.35,
         plateau=True,
@@ -109,7 +109,7 @@ EVENTS: dict[str, Event] = {
         fading=0.6,
         old=1.2,
         rates={
-            WHOLE_FACE: 0.006, "forehead": 0.004, "cheek": 0.012, "nose": 0.004, "lip": 0.0,
+            WHOLE_FACE: 0.004, "forehead": 0.003, "cheek": 0.008, "nose": 0.003, "lip": 0.0,
             "eye_corner": 0.0, "neck": 0.01,
         },
     ),
@@ -122,7 +122,7 @@ EVENTS: dict[str, Event] = {
         groups=5.0,
         old=1.3,
         rates={
-            WHOLE_FACE: 0.03, "forehead": 0.1, "cheek": 0.3, "nose": 5.0, "lip": 0.0,
+            WHOLE_FACE: 0.03, "forehead": 0.1, "cheek": 0.3, "nose": 4.0, "lip": 0.0,
             "eye_corner": 0.0, "neck": 0.0,
         },
     ),

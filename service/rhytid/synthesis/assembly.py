@@ -24,6 +24,8 @@ from rhytid.synthesis.shapes import pore_axes, pore_ellipses
 from rhytid.synthesis.surface import Points, Surface
 
 _LEAST_WEIGHT = 1e-4
+# How far leaders follow patches, of how far other lines do.
+_PATCHED = np.float32(0.4)
 # What nodes have around them where a graph has no array of it.
 _USUAL = {"node_grain": 1.0, "node_undulation": 1.0, "node_patchiness": 0.0}
 # Seams are looked at as closely as painted density can ask for: were it as closely as it does, what
@@ -177,6 +179,7 @@ class GraphParts:
         chosen, ranks = self.strengths.strength[lines.edge], self.strengths.ranks
         uv = np.concatenate([self.pores.uv, lines.beyond])
         weight, factor, half_width, wide = (np.empty(len(chosen), np.float32) for _ in range(4))
+        even = fields.unpatched
         for rows in row_blocks(len(chosen)):
             progress(0.4 * rows.start / len(chosen), "shapes")
             triangle, step = lines.triangle[rows], lines.step[rows]
@@ -191,6 +194,8 @@ class GraphParts:
             wide[rows] = width
             half_width[rows] = shapes.half_widths_uv(ground.surface, triangle, step, width)
             factor[rows] = fields.strength(triangle, middle)
+            if ranks is not None:
+                _run_on(factor[rows], ranked.leads, even, triangle, middle)
             if self.events is not None:
                 factor[rows] *= self.events.fading(ground.surface, triangle, middle)
             if fields.some_bare:
@@ -218,6 +223,24 @@ def _of_nodes(arrays: Arrays, every: dict[str, NDArray[np.float32]]) -> Arrays:
             factor = np.concatenate([factor, factor[copied]])
         found[name] = factor
     return found
+
+
+def _run_on(
+    factor: NDArray[np.float32],
+    leads: NDArray[np.bool_],
+    even: Fields,
+    triangle: NDArray[np.integer],
+    uv: NDArray[np.floating],
+) -> None:
+    """Have leaders run on through patches: of the logarithm of what these make of the strength of
+    lines they follow _PATCHED.
+
+    factor (N,): strengths of lines, changed in place.  leads (N,): which are parts of leaders.
+    even: the fields without patches.  triangle (N,), uv (N, 2): of the middles of lines.
+    """
+    of = np.flatnonzero(leads)
+    unpatched = even.strength(triangle[of], uv[of])
+    factor[of] = unpatched * (factor[of] / np.maximum(unpatched, _LEAST_WEIGHT)) ** _PATCHED
 
 
 def _scale(weight: NDArray[np.float32], factor: NDArray[np.float32]) -> None:

@@ -32,11 +32,11 @@ _SEED_AT = (0.3, 0.7)
 # Millimetres between lines: small ones, and how much farther the largest are from others.
 _APART, _FARTHER = 2.6, 3.4
 # How far lines wind about the preferred direction, radians, and over which lengths, millimetres.
-_WINDING = ((0.15, 9.0), (0.22, 2.2))
+_WINDING = ((0.15, 9.0), (0.22, 2.2), (0.22, 0.8))
 # How far skin must have leaders for a line to begin, and to go on.
 _BEGINS, _GOES_ON = 0.12, 0.04
 # Cosine of the turn in one step at which a line ends: it has run into a whirl of the field.
-_WHIRL = 0.8
+_WHIRL = 0.65
 # Purposes of random numbers.
 _SEED, _NOISE, _SIZE = 0x51ED270B, 0x2545F491, 11
 

@@ -31,8 +31,8 @@ _PACE = 1.15
 _TAPER, _ENDS = 0.25, 0.4
 # Amplitude of the waves of depth along a line, and their lengths, millimetres: from, and by chance
 # how much longer.
-_UNEVEN, _WAVES = 0.25, ((2.2, 2.5), (7.0, 6.0))
-# Purpose of random numbers.
+_UNEVEN, _WAVES = 0.2, ((1.0, 0.9), (2.4, 2.5), (7.0, 6.0))
+# Purposes of random numbers, the first of one for each wave.
 _WAVY = 12
 
 
@@ -137,10 +137,9 @@ class Leaders:
 
     def _uneven(self, line: IntArray, where: FloatArray) -> FloatArray:
         """(Q,) factors of the depth along each line, about 1: waves with phases of its own."""
-        key = self.trails.wishes.key[self.row[line]]
-        chances = unit_intervals(key, _WAVY, self.seed)
-        waves = np.zeros(len(where))
-        for (least, more), phase, longer in zip(_WAVES, chances[:2], chances[2:], strict=True):
+        key, waves = self.trails.wishes.key[self.row[line]], np.zeros(len(where))
+        for salt, (least, more) in enumerate(_WAVES, _WAVY):
+            phase, longer = unit_intervals(key, salt, self.seed)[:2]
             waves += np.sin(2 * np.pi * (where * STEP / (least + more * longer) + phase))
         uneven: FloatArray = 1.0 + _UNEVEN * waves
         return uneven

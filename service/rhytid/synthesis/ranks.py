@@ -26,18 +26,18 @@ _FIRST = np.float32(64.0)
 _WORN = np.float32(3.0)
 # Weight of the deepest leader at rest, before factors of the skin; half widths, in those of a line
 # of strength 1, of the faintest leader and of the deepest.
-_DEEPEST = 0.5
+_DEEPEST = 0.43
 # Factors of these at 65, for leaders are what expressions leave behind; and of the weight of others
 # where skin folds one way.
 _OLD, _OLD_OTHERS = 2.4, 0.75
-_NARROW, _BROAD = 0.6, 1.5
+_NARROW, _BROAD = 0.6, 1.25
 # How far other lines are fainter: beside a leader, and where skin folds one way; how far from a
 # leader, in pore spacings, the first ends.
-_BESIDE, _FOLDED, _REACH = 0.45, 0.45, 4.0
+_BESIDE, _FOLDED, _REACH = 0.3, 0.5, 4.0
 # Share of the shortening that a leader takes, of what it would take by itself, at rank 1, and how
 # much less one of weight 1 takes; what others are left at least, of what they would take; how far
 # leaders take it from, in pore spacings.
-_TAKES, _DEEP_TAKES, _LEFT, _STRIP = 1.95, 0.6, 0.35, 5.0
+_TAKES, _DEEP_TAKES, _LEFT, _STRIP = 2.2, 0.6, 0.2, 5.0
 # Pores on a leader would be beads on a string: of their depth is left.
 _BEADS = 0.6
 
