@@ -67,6 +67,7 @@ def test_pores_off_the_mesh_are_left_out(device):
 @pytest.mark.parametrize("make", [sheets.sheet, sheets.tube])
 def test_a_graph_from_elsewhere_has_the_spacing_that_it_was_grown_with(device, make):
     mesh = make()
+    # In patches pores are denser and sparser, and more of them stand where they are dense.
     found = synthesize(mesh, replace(sheets.wanted(6000), patches=0.0), device)
     triangle = found.graph.node_triangle
     # It was grown with the mean of even skin, of which one mesh is a sample.

@@ -1,6 +1,7 @@
 // Draws one precomputed map of the fast method (section 2.4): the wrinkles of one orientation bin,
 // or the pores, all at one stretch. Blocks and sums as in redraw.cl.
 #include "line.clh"
+#include "shared_sizes.clh"
 
 // What a map becomes: displacement in mesh units, row by row, or where CODE is defined codes, per_step
 // of them for a mesh unit. map: as code_place has it.
@@ -46,7 +47,7 @@ inline float2 leaning_scale(float2 scale, float2 extent, float4 tilt)
 // ends. part: valleys and bulges together, or one of them for maps that are merged by the mellow-max.
 // tilt: depths are scaled by 1 + leaning, for the maps that tilts are made from; else its factor is 0.
 // An arc leans as its segment does. least: as in redraw.cl.
-__kernel void draw_wrinkle_bin(LINES, __global const uchar *bins, int bin, float2 scale, int part,
+__kernel void draw_wrinkle_bin(LINES, SHARES __global const uchar *bins, int bin, float2 scale, int part,
                                float4 tilt, __global const int *offsets,
                                __global const int *members, float4 shape_values, float least,
                                float depth, int blocks, int row, int column, OUT)
@@ -57,7 +58,7 @@ __kernel void draw_wrinkle_bin(LINES, __global const uchar *bins, int bin, float
     sums_t sums = sums_at(place, memory);
     int block = place.block;
     DRAW_LINES(sums, shape, members, offsets[block], offsets[block + 1], bins[i] == bin,
-               LINE_AT(i, sizes[i] * SCALES(leaning_scale(scale, segments[i].zw, tilt)), place.corner,
+               LINE_AT(i, SIZES_OF(i) * SCALES(leaning_scale(scale, segments[i].zw, tilt)), place.corner,
                        least));
     WRITE(sums, place, shape, depth, part);
 }

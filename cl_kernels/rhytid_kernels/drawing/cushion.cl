@@ -3,6 +3,7 @@
 // COARSE_BLOCK x COARSE_BLOCK coarse texels and of APRON more around it, BLOCK texels per side; the
 // apron is written where the square ends. Within 1e-4 of `depth` of the same in double.
 #include "line.clh"
+#include "shared_sizes.clh"
 
 #define COARSE (1.0f / COARSER)
 #define SNAP 4096.0f // to the texel
@@ -127,9 +128,9 @@ __kernel void cushion(LINES, __global const SIZES *scales, __global const int *o
 }
 
 // Those of one orientation bin, all at one stretch: bins to scale as in bins.cl.
-__kernel void cushion_bin(LINES, __global const uchar *bins, int bin, float2 scale,
+__kernel void cushion_bin(LINES, SHARES __global const uchar *bins, int bin, float2 scale,
                           __global const int *offsets, __global const int *members,
                           float4 shape_values, float depth, int4 place, __global float *out)
 {
-    DRAW_PART(bins[i] == bin, sizes[i] * SCALES(scale));
+    DRAW_PART(bins[i] == bin, SIZES_OF(i) * SCALES(scale));
 }

@@ -40,7 +40,6 @@ from rhytid.pipeline.cushion_layer import APRON
 from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.redraw import launch_blocks
-from rhytid.pipeline.shares import SharedSizes
 from rhytid.pipeline.stiffness import stiffness_of_texels
 from rhytid.pipeline.vectors import VECTOR, VectorTriangles, in_rows, squares
 from rhytid.pipeline.work import BLOCK, Square
@@ -98,18 +97,11 @@ class BinMaker:
         self._settings = settings
         steps = quantisation_steps(settings, elements.share_range)
         self._per_step = 1.0 / np.maximum(steps, 1e-30)
-        self._sizes = SharedSizes(device, elements, settings)
         bins = settings.bins
         self._code_defines = {"CODE": CODES[bins.bits], "CODE_LIMIT": code_limit(bins.bits)}
 
     def tile(self, row: int, column: int, texels: int) -> BinTile:
         """The tile of `texels`² texels from (row, column) on, with all layers and samples."""
-        try:
-            return self._made(row, column, texels)
-        finally:
-            self._sizes.release()
-
-    def _made(self, row: int, column: int, texels: int) -> BinTile:
         square = (row, column, texels)
         least = BLOCK if self._elements.cushion is None else BLOCK * self._elements.cushion.factor
         pieces = self._elements.work.cut(square, self._elements.bins_pace.most, texels, least)
@@ -174,7 +166,7 @@ class BinMaker:
         if self._elements.cushion is None:
             return None
         factor = self._elements.cushion.factor
-        maker = CushionBins(self._device, self._elements, self._settings, self._sizes)
+        maker = CushionBins(self._device, self._elements, self._settings)
         codes, texels = maker.codes(square), coarse_side(square[2], factor)
         row, column = (at // factor - APRON for at in square[:2])
         place = (self._settings.resolution // factor, row, column, texels)
@@ -239,10 +231,10 @@ class BinMaker:
         elements, lists = self._elements, self._elements.wrinkle_lists
         count = self._settings.bins.count
         leaning = np.array([*directions(count)[index], tilt * 2 * count / np.pi, 0.0], np.float32)
-        segments, sizes, *others = elements.line_arguments
+        shares = elements.share_arguments(self._settings.response, r)
         return self._launching(
             "draw_wrinkle_bin",
-            segments, self._sizes.at(r, sizes), *others, elements.bins, np.int32(index), scales,
+            *elements.line_arguments, *shares, elements.bins, np.int32(index), scales,
             np.int32(part), leaning, lists.offsets, lists.members,
         )  # fmt: skip
 
@@ -264,7 +256,7 @@ class BinMaker:
         ) -> None:
             launch_blocks(
                 self._device, "bins", kernel, self._settings, self._elements, square, *arguments,
-                into=into, defines=defines,
+                into=into, defines={**defines, **self._elements.share_defines},
             )  # fmt: skip
 
         return launch

@@ -29,7 +29,6 @@ from rhytid.pipeline.bins import (
 )
 from rhytid.pipeline.cushion_layer import APRON, COARSE_BLOCK, LEAST_HALF_WIDTH, WIDENED
 from rhytid.pipeline.elements import UdimElements
-from rhytid.pipeline.shares import SharedSizes
 from rhytid.pipeline.vectors import VECTOR, squares
 from rhytid.pipeline.work import BLOCK, Square
 
@@ -68,12 +67,10 @@ def launch_cushion(
     square: tuple[int, int, int],
     *arguments: Any,
     defines: Mapping[str, object] | None = None,
-    sizes: Buffer | None = None,
 ) -> Buffer:
     """Run a kernel of cushion.cl over the coarse map around a square.
 
-    arguments: those that this kernel has beside the common ones.  sizes: in place of those of the
-    elements.
+    arguments: those that this kernel has beside the common ones.
     """
     cushion = elements.cushion
     assert cushion is not None
@@ -89,7 +86,7 @@ def launch_cushion(
     place = (row - APRON, column - APRON, side, assets // (factor * COARSE_BLOCK))
     device.launch(
         "cushion", kernel, (across * device.shape.lanes, down * parts),
-        segments, sizes or cushion.sizes, *others, *arguments, cushion.lists.offsets,
+        segments, cushion.sizes, *others, *arguments, cushion.lists.offsets,
         cushion.lists.members, _shape_values(settings),
         np.float32(settings.depth), np.array(place, np.int32), out,
         group=(device.shape.lanes, 1),
@@ -97,7 +94,7 @@ def launch_cushion(
             "BLOCK": _BLOCK, "ROWS": _BLOCK // parts, "ITEMS": device.shape.lanes,
             "APRON": APRON, "COARSE_BLOCK": COARSE_BLOCK, "COARSER": factor,
             "LEAST_HALF_WIDTH": f"{LEAST_HALF_WIDTH}f", "WIDENED": f"{WIDENED}f",
-            **elements.line_defines, **(defines or {}),
+            **elements.line_defines, **elements.share_defines, **(defines or {}),
         },
     )  # fmt: skip
     return out
@@ -153,11 +150,8 @@ def range_of_codes(settings: AssetSettings) -> float:
 class CushionBins:
     """Draws the precomputed maps of the broad layer of one UDIM."""
 
-    def __init__(
-        self, device: Device, elements: UdimElements, settings: AssetSettings, sizes: SharedSizes
-    ) -> None:
+    def __init__(self, device: Device, elements: UdimElements, settings: AssetSettings) -> None:
         self._device, self._elements, self._settings = device, elements, settings
-        self._sizes = sizes
         assert elements.cushion is not None
         self._factor = elements.cushion.factor
         self._per_step = 1.0 / np.maximum(cushion_steps(settings, elements.share_range), 1e-30)
@@ -210,9 +204,8 @@ class CushionBins:
         return elements.work.cut(square, elements.bins_pace.most, square[2], least)
 
     def _drawn(self, square: Square, index: int, scales: NDArray[np.float32], r: float) -> Buffer:
-        cushion = self._elements.cushion
-        assert cushion is not None
+        shares = self._elements.share_arguments(self._settings.response, r)
         return launch_cushion(
             self._device, "cushion_bin", self._elements, self._settings, square,
-            self._elements.bins, np.int32(index), scales, sizes=self._sizes.at(r, cushion.sizes),
+            *shares, self._elements.bins, np.int32(index), scales,
         )  # fmt: skip

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rhytid.device.buffer import Buffer
 from rhytid.device.launches import DrawingPace
 from rhytid.device.runtime import Device
-from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.asset_settings import AssetSettings, ResponseSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.tiles import udim_origin
 from rhytid.pipeline.bins import EVEN, ShareRange
@@ -21,6 +21,7 @@ from rhytid.pipeline.copies import OriginBuffers, Origins, copied, copies_last, 
 from rhytid.pipeline.cushion_layer import BroadLayer, CushionArrays, narrow_weight
 from rhytid.pipeline.event_elements import EventArrays, EventElements, around_events
 from rhytid.pipeline.reach import (
+    SCALE_LIMIT,
     Bends,
     around_pores,
     around_wrinkles,
@@ -297,6 +298,17 @@ class UdimElements:
         """The defines of kernels that draw these wrinkles (line_kinds.clh)."""
         given = {"BENT": self.slopes, "WAVY": self.waves, "SKEWED": self.skews}
         return {name: 1 for name, buffer in given.items() if buffer is not None}
+
+    @property
+    def share_defines(self) -> dict[str, object]:
+        """The defines of shared_sizes.clh."""
+        return {} if self.shares is None else {"SHARED": 1, "SCALE_LIMIT": f"{SCALE_LIMIT}f"}
+
+    def share_arguments(self, response: ResponseSettings, r: float) -> tuple[Any, ...]:
+        """The arguments SHARES of shared_sizes.clh of a map at log stretch r."""
+        if self.shares is None:
+            return ()
+        return self.shares, np.array([response.alpha_d, r], np.float32)
 
     def release(self) -> None:
         """Give the memory back."""
