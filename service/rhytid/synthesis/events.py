@@ -19,6 +19,7 @@ from rhytid.domain.events import EVENT_DEPTHS, EVENTS
 from rhytid.domain.graph import ORIGINAL
 from rhytid.domain.lengths import SKIN
 from rhytid.domain.skin import depth_factor
+from rhytid.support import cancellation
 from rhytid.synthesis.fields import Fields, SmoothNoise, level_directions
 from rhytid.synthesis.hashes import Words, random4, unit_interval
 from rhytid.synthesis.seams.copies import Arrays
@@ -162,6 +163,7 @@ def _thrown(
     millimetre: float,
 ) -> Darts:
     """The darts of a kind that count."""
+    cancellation.check()
     event = _KINDS[kind - 1]
     rates = {r: settings.events * v for r, v in event.rates_at(settings.age).items()}
     most = max(rates.values()) * fields.most_events * (_DENSEST if event.groups else 1.0)

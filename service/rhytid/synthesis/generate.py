@@ -14,6 +14,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Controls
+from rhytid.domain.skin import COARSE
 from rhytid.errors import MeshError
 from rhytid.synthesis.assembly import EdgeStrengths, GraphParts
 from rhytid.synthesis.candidate_graph import CandidateGraph, Cut, Ground, priorities
@@ -106,8 +107,8 @@ def synthesize(
     surface, across = Surface.of(mesh), neighbours(mesh)
     folding = None
     if folds is not None:
-        cautious = settings.patches > 0.0
-        folding = FoldField(mesh, surface, folds, settings.age, settings.rank, cautious)
+        fine = settings.anatomy != COARSE
+        folding = FoldField(mesh, surface, folds, settings.age, settings.rank, cautious=fine)
     patches = Patches.of(surface, settings, unit)
     plain = fields_of(surface, settings, None, folding, patches)
     uneven = fields is not None or (controls is not None and controls.grow)
