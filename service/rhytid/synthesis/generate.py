@@ -119,7 +119,7 @@ def synthesize(
         ground = Ground(work, surface, across, fields, borders, unit)
         skin, cut = _skin(ground, plain if uneven else fields, settings, part(report, 0.0, 0.94))
         distance = mean_spacing(work, skin.net.pores)[0] * surface.scale
-        events = events_of(surface, fields, settings, skin.spacing)
+        events = events_of(surface, fields, settings, skin.spacing, unit)
         graph = skin.drawn(ground, borders, cut, settings.start, part(report, 0.95, 1.0), events)
     report(1.0, "shapes")
     lengths = Lengths.of(skin.spacing * surface.scale, settings.age)
