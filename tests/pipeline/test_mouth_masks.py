@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from rhytid.domain.mesh import Mesh
+from rhytid.pipeline import region_masks
 from rhytid.pipeline.diffusion import Diffusion
-from rhytid.pipeline.mouth_masks import lip_share, mouth_share
-from rhytid.pipeline.region_masks import RegionMasks
+from rhytid.pipeline.region_masks import RegionMasks, lip_share, mouth_share
 
 LENGTH = 0.35
 # Half the height of both lips, and of the mouth around them, cm; half the width of the mouth.
@@ -76,6 +76,13 @@ def test_the_lip_ends_at_the_border_of_what_rolls_in() -> None:
         assert (lip[column][y > RED + 0.35] == 0.0).all(), x
         assert RED - 0.1 < y[lip[column] > 0.5].max() < RED + 0.3, x
     assert (lip[np.abs(X) > 3.3] == 0.0).all()
+
+
+def test_vertices_are_taken_in_parts_of_any_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = lip_share(MESH.positions, [roll(1.0)], pucker(), LENGTH)
+    monkeypatch.setattr(region_masks, "_ROWS", 7)
+    parts = lip_share(MESH.positions, [roll(1.0)], pucker(), LENGTH)
+    np.testing.assert_array_equal(parts, whole)
 
 
 def test_without_rolls_a_pucker_shows_the_lip() -> None:

@@ -110,6 +110,18 @@ def test_it_hangs_on_space_alone(device):
     np.testing.assert_array_equal(found, share)
 
 
+def test_collapsed_triangles_say_nothing_of_how_fine_a_mesh_is(device):
+    """Though most of a mesh are: edges without length are none."""
+    mesh = sheet(seed=2)
+    positions = pressed(mesh, 2)
+    share = Folded(device, mesh, positions, unit="1.5cm").taken
+    points = np.zeros((2 * len(mesh.faces), 3), np.int32)
+    faces, face_uv = (np.concatenate([f, points]) for f in (mesh.faces, mesh.face_uv))
+    with_points = Mesh(mesh.positions, faces, mesh.uv, face_uv)
+    found = Folded(device, with_points, positions, unit="1.5cm").taken
+    np.testing.assert_array_equal(found[: len(share)], share)
+
+
 def test_scaled_by_a_power_of_two_it_is_the_same(device):
     mesh = sheet(seed=2)
     positions = pressed(mesh, 2)

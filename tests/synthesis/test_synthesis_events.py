@@ -30,11 +30,13 @@ SPACING = 0.005
 SETTINGS = GraphSettings(spacing=SPACING, events=2.0, region="cheek")
 
 
-def placed(mesh: Mesh, settings: GraphSettings = SETTINGS, controls=None, spacing=SPACING):
+def placed(
+    mesh: Mesh, settings: GraphSettings = SETTINGS, controls=None, spacing=SPACING, unit=None
+):
     """The events of a mesh, and their places in its units."""
     surface = Surface.of(mesh)
     fields = fields_of(surface, settings, controls)
-    events = events_of(surface, fields, settings, spacing / surface.scale)
+    events = events_of(surface, fields, settings, spacing / surface.scale, unit)
     assert events is not None
     return events, events.points.position * surface.scale
 
@@ -54,6 +56,30 @@ def renumbered(mesh: Mesh) -> Mesh:
         np.take_along_axis(f[order], turn, axis=1) for f in (mesh.faces, mesh.face_uv)
     )
     return Mesh(mesh.positions, faces, mesh.uv, face_uv)
+
+
+def test_the_number_of_wrinkles_changes_no_size_where_the_unit_is_known() -> None:
+    """Nor does density: heights are the same in millimetres, though lines are shallower."""
+    usual, there = placed(sheet(), unit="dm")
+    few, same = placed(sheet(), spacing=1.5 * SPACING, unit="dm")
+    np.testing.assert_array_equal(same, there)
+    np.testing.assert_array_equal(few.radius, usual.radius)
+    np.testing.assert_allclose(few.weight, usual.weight / 1.5, rtol=1e-6)
+    dense, _ = placed(sheet(), replace(SETTINGS, density=4.0), spacing=0.5 * SPACING, unit="dm")
+    np.testing.assert_array_equal(dense.radius, usual.radius)
+    np.testing.assert_allclose(dense.weight, 2.0 * usual.weight, rtol=1e-6)
+
+
+def test_no_event_is_higher_than_a_graph_can_have() -> None:
+    fine, _ = placed(sheet(), replace(SETTINGS, events=4.0), spacing=0.02 * SPACING, unit="dm")
+    assert fine.weight.max() == 1.0
+
+
+def test_where_pores_are_far_apart_a_millimetre_is_as_long() -> None:
+    """So that a wrong unit does not ask for more events than there are pores."""
+    wrong, _ = placed(sheet(), unit="m")
+    wide, _ = placed(sheet(), spacing=0.5 * SPACING)
+    np.testing.assert_allclose(np.sort(wrong.radius), np.sort(wide.radius), rtol=1e-6)
 
 
 def test_every_kind_occurs_and_none_without_events() -> None:

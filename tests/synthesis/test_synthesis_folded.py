@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -22,12 +24,12 @@ COUNT = 6000
 MASKED = np.float32(0.6)
 
 
-def folds(*regions: str) -> Folds:
+def folds(*regions: str, moving: int = ENOUGH) -> Folds:
     """Skin that is pressed along x everywhere, with masks of regions."""
     tensor = np.zeros((len(MESH.positions), 6), np.float32)
     tensor[:, 0] = 0.12**2
     masks = {name: np.full(len(MESH.positions), MASKED) for name in regions}
-    return Folds(tensor, ENOUGH, masks)
+    return Folds(tensor, moving, masks)
 
 
 def fields(anatomy: str, *regions: str) -> PaintedFields:
@@ -77,3 +79,17 @@ def test_a_coarse_graph_has_no_undulation_of_its_own(device: Device) -> None:
     assert made["fine"].node_undulation == pytest.approx(
         REGIONS["neck"].undulation ** float(MASKED), rel=1e-5
     )
+
+
+@pytest.mark.parametrize(("moving", "alike"), [(2, False), (40, True)])
+def test_few_expressions_say_less_of_directions_where_anatomy_is_fine(
+    device: Device, moving: int, alike: bool
+) -> None:
+    """On even skin, too; of forty expressions, which show all, both make the same."""
+    plain = GraphSettings(wrinkles=COUNT, rank=0.0, patches=0.0, events=0.0)
+    shown = folds(moving=moving)
+    fine, coarse = (
+        synthesize(MESH, replace(plain, anatomy=anatomy), device, folds=shown).graph
+        for anatomy in ("fine", "coarse")
+    )
+    assert np.array_equal(fine.edge_weight, coarse.edge_weight) == alike

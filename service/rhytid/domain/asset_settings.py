@@ -68,12 +68,13 @@ class GraphSettings:
     rank: how far lines come in orders, few long deep leaders before secondary and fine ones; 0 is
         one order of lines over primary ones
     patches: how far strength, density, pore size and direction of lines vary from one patch of 2 to
-        15 mm to the next, times what `region` makes of it; 0 is even skin
+        10 mm to the next, times what `region` makes of it; 0 is even skin
     events: factor of the number of single features: follicle bumps, papules, scars, milia, moles
         and clusters of enlarged pores; 0 is none
     anatomy: how finely regions are told apart: `"fine"`, by expressions of known names the mouth
-        and the chin, too, and the lips up to their border; `"coarse"`, without these and with one
-        relief of broad swells
+        and the chin, too, and the lips up to their border; `"coarse"`, without these, with one
+        relief of broad swells, and with directions of lines that few expressions show as well as
+        many
     """
 
     spacing: float | None = number(None, 1e-30, 1e30)

@@ -69,8 +69,8 @@ class FoldRule:
     def of(cls, mesh: Mesh, unit: str) -> FoldRule:
         """The rule for a mesh: rounds are more where edges are shorter than those of the face on
         which the numbers were found. Where the unit is not known the mesh is taken for a face."""
-        millimetre = _millimetre(mesh, unit)
-        edge = float(np.median(np.linalg.norm(_edges(mesh), axis=-1)))
+        millimetre, lengths = _millimetre(mesh, unit), np.linalg.norm(_edges(mesh), axis=-1)
+        edge = float(np.median(lengths[lengths > 0.0]))  # corners may coincide
         finer = float(np.clip(_EDGE_MM * millimetre / edge, 0.0, 100.0)) ** 2
         rounds = int(np.clip(round(_ROUNDS * finer), 1, _MOST_ROUNDS))
         of_normals = int(np.clip(round((finer - 1.0) * 4 / 3), 0, _MOST_ROUNDS // 2))

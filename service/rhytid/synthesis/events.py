@@ -17,10 +17,12 @@ from scipy.spatial import cKDTree
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.events import EVENT_DEPTHS, EVENTS
 from rhytid.domain.graph import ORIGINAL
-from rhytid.domain.lengths import SKIN
+from rhytid.domain.lengths import DEPTH_OF_SPACING
 from rhytid.domain.skin import depth_factor
+from rhytid.support import cancellation
 from rhytid.synthesis.fields import Fields, SmoothNoise, level_directions
 from rhytid.synthesis.hashes import Words, random4, unit_interval
+from rhytid.synthesis.leaders import unit_length
 from rhytid.synthesis.seams.copies import Arrays
 from rhytid.synthesis.shapes import pore_ellipses
 from rhytid.synthesis.surface import UDIM_COLUMNS, FloatArray, IntArray, Points, Surface, unit
@@ -115,16 +117,22 @@ class Events:
 
 
 def events_of(
-    surface: Surface, fields: Fields, settings: GraphSettings, spacing: float
+    surface: Surface,
+    fields: Fields,
+    settings: GraphSettings,
+    spacing: float,
+    unit: str | None = None,
 ) -> Events | None:
     """The events of a surface; None where there are none.
 
-    spacing: of pores on even skin, in units of the surface. Sizes in millimetres count from it: it
-    is that of SKIN where density is 1.
+    spacing: of pores on even skin, in units of the surface.  unit: of the mesh, for sizes in
+    millimetres; where it has no known length they count from the spacing, which is that of SKIN
+    where density is 1.
     """
     if settings.events == 0.0:
         return None
-    millimetre = spacing * settings.density**0.5 / SKIN.spacing
+    even = spacing * settings.density**0.5
+    millimetre = unit_length(unit, even * surface.scale) / surface.scale
     keys, corners = _placed_corners(surface, millimetre)
     found = [
         _thrown(surface, fields, settings, keys, corners, kind, millimetre)
@@ -132,7 +140,10 @@ def events_of(
     ]
     kind = np.repeat(np.arange(1, len(found) + 1), [len(d.key) for d in found]).astype(np.int32)
     darts = _joined(found)
-    return _shaped(surface, fields, settings, darts, kind, millimetre) if len(kind) else None
+    if not len(kind):
+        return None
+    depth = DEPTH_OF_SPACING * (spacing / millimetre) * depth_factor(settings.age)
+    return _shaped(surface, fields, settings, darts, kind, millimetre, depth)
 
 
 def _placed_corners(surface: Surface, millimetre: float) -> tuple[Words, IntArray]:
@@ -162,6 +173,7 @@ def _thrown(
     millimetre: float,
 ) -> Darts:
     """The darts of a kind that count."""
+    cancellation.check()
     event = _KINDS[kind - 1]
     rates = {r: settings.events * v for r, v in event.rates_at(settings.age).items()}
     most = max(rates.values()) * fields.most_events * (_DENSEST if event.groups else 1.0)
@@ -243,8 +255,10 @@ def _shaped(
     darts: Darts,
     kind: NDArray[np.int32],
     millimetre: float,
+    depth: float,
 ) -> Events:
-    """The events of darts, those that are too close to others left out."""
+    """The events of darts, those that are too close to others left out.  depth: of a wrinkle of
+    strength 1, millimetres."""
     sizes = np.stack(
         [unit_interval(w) for w in random4(darts.key, _SIZED, settings.start, kind)], axis=-1
     ).astype(np.float64)
@@ -254,8 +268,8 @@ def _shaped(
     kept = kept[np.lexsort(darts.points.position[kept].T)]
     points, kind, sizes, radius = darts.points.take(kept), kind[kept], sizes[kept], radius[kept]
     height = radius / millimetre * _between(kind, "steepness", sizes[:, 1])
-    weight = height / (EVENT_DEPTHS * SKIN.depth * depth_factor(settings.age))
-    weight = np.maximum(weight * fields.event_strength(points.triangle, points.uv), _LEAST_WEIGHT)
+    weight = height / (EVENT_DEPTHS * depth) * fields.event_strength(points.triangle, points.uv)
+    weight = np.clip(weight, _LEAST_WEIGHT, 1.0)
     longer = 1.0 + (_of_kinds(kind, [e.longer for e in _KINDS]) - 1.0) * sizes[:, 2] ** 2
     angle = _angles(surface, points, np.pi * sizes[:, 3])
     metric, circle = pore_ellipses(surface, points.triangle, radius, angle, longer)

@@ -14,6 +14,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Controls
+from rhytid.domain.skin import COARSE
 from rhytid.errors import MeshError
 from rhytid.synthesis.assembly import EdgeStrengths, GraphParts
 from rhytid.synthesis.candidate_graph import CandidateGraph, Cut, Ground, priorities
@@ -106,8 +107,8 @@ def synthesize(
     surface, across = Surface.of(mesh), neighbours(mesh)
     folding = None
     if folds is not None:
-        cautious = settings.patches > 0.0
-        folding = FoldField(mesh, surface, folds, settings.age, settings.rank, cautious)
+        fine = settings.anatomy != COARSE
+        folding = FoldField(mesh, surface, folds, settings.age, settings.rank, cautious=fine)
     patches = Patches.of(surface, settings, unit)
     plain = fields_of(surface, settings, None, folding, patches)
     uneven = fields is not None or (controls is not None and controls.grow)
@@ -118,7 +119,7 @@ def synthesize(
         ground = Ground(work, surface, across, fields, borders, unit)
         skin, cut = _skin(ground, plain if uneven else fields, settings, part(report, 0.0, 0.94))
         distance = mean_spacing(work, skin.net.pores)[0] * surface.scale
-        events = events_of(surface, fields, settings, skin.spacing)
+        events = events_of(surface, fields, settings, skin.spacing, unit)
         graph = skin.drawn(ground, borders, cut, settings.start, part(report, 0.95, 1.0), events)
     report(1.0, "shapes")
     lengths = Lengths.of(skin.spacing * surface.scale, settings.age)
