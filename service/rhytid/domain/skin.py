@@ -181,7 +181,7 @@ REGIONS: dict[str, Region] = {
         folded=0.35,
         patchiness=0.8,
         leading=0.55,
-        old=Old(strength=1.6, anisotropy=1.3, contrast=1.2, grain=1.4),
+        old=Old(strength=1.6, pore_strength=1.15, anisotropy=1.3, contrast=1.2, grain=1.4),
     ),
 }
 # How finely regions are told apart.
