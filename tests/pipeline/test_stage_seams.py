@@ -72,6 +72,10 @@ def _shared(x: np.ndarray, shares: Sequence[float]) -> np.ndarray:
     return np.interp(x * N, np.arange(N + 1), np.cumsum([0.0, *shares]) / np.sum(shares))
 
 
+# What differs at a seam is of a few wrinkles at corners, others in each skin: these are known.
+EVEN = replace(sheets.wanted(3000), patches=0.0)
+
+
 def smiling(mesh: Mesh) -> np.ndarray:
     """Positions in which the stretch differs from triangle to triangle, across the seam as well."""
     p = mesh.positions.astype(float)
@@ -96,7 +100,7 @@ def made(request: pytest.FixtureRequest, device: Device):
     mesh = folded(mirrored=request.param)
     if request.param:  # the other way round in UV, so outwards as before
         assert np.linalg.det(mesh.triangle_uv()[-1][1:] - mesh.triangle_uv()[-1][0]) < 0
-    found = synthesize(mesh, sheets.wanted(3000), device)
+    found = synthesize(mesh, EVEN, device)
     return mesh, found.graph, found.spacing
 
 
@@ -148,7 +152,7 @@ def test_what_is_copied_twice_at_a_corner_is_not_seen_twice(
 
 def off_at_seam(device: Device, mesh: Mesh, straight: bool) -> float:
     """How much both sides differ in the usual look, without cushions, or with straight lines."""
-    found = synthesize(mesh, sheets.wanted(3000), device)
+    found = synthesize(mesh, EVEN, device)
     graph, shape = found.graph, settings_of(shape={} if straight else BENT).shape
     lines = redraw.wrinkles(graph)
     if not straight:

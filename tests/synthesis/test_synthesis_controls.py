@@ -75,7 +75,7 @@ def test_a_mask_finer_than_triangles_keeps_its_shape(device: Device) -> None:
     coarse = sheets.sheet(n=1)
     disc = np.hypot(*(np.indices((256, 256)) - 127.5)) < 40
     grey = np.where(disc, 1.0, 0.0).astype(np.float32)
-    settings = GraphSettings(wrinkles=COUNT)
+    settings = GraphSettings(wrinkles=COUNT, patches=0.0, events=0.0)
     graph = synthesize(coarse, settings, device, controls=painted(density=grey)).graph
     off = np.hypot(*((graph.node_uv - 0.5) * 256).T)
     assert 38 < off.max() < 41

@@ -21,8 +21,9 @@ from rhytid.synthesis.surface import Surface
 FEWEST = 100
 # Device memory of a synthesis: buffers of fixed size, and bytes per wrinkle and per triangle.
 # 100,000 wrinkles on a sheet were measured to take 51 MB, 1.5 million 138 MB and 3 million 276 MB;
-# 2,600 painted on two triangles 57 MB, 1,000 on 980,000 triangles 156 MB.
-FIXED_BYTES, BYTES_A_WRINKLE, BYTES_A_TRIANGLE = 60_000_000, 100, 112
+# 2,600 painted on two triangles 57 MB, 63 MB in a dense patch of skin, 1,000 on 980,000 triangles
+# 156 MB.
+FIXED_BYTES, BYTES_A_WRINKLE, BYTES_A_TRIANGLE = 64_000_000, 100, 112
 # Pores this many steps of float32 apart in UV stay apart, and lines can be drawn between them; that
 # part of the surface may have less.
 _STEPS, _LOST = 8.0, 0.01

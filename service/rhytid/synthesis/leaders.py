@@ -171,6 +171,8 @@ def _chosen(trails: Trails) -> tuple[IntArray, IntArray, IntArray]:
     beside = _Beside(trails)
     rows, spans = [], []
     for row in trails.wishes.order:
+        if np.count_nonzero(free[row]) <= least:
+            continue
         first, last = _longest_run(free[row])
         if last - first < least:
             continue

@@ -110,7 +110,7 @@ class Patches:
         found = np.empty(len(triangle), np.float32)
         for start in range(0, len(triangle), _ROWS):
             rows = slice(start, start + _ROWS)
-            plane = self._planes[triangle[rows]].T
+            plane = self._planes.take(triangle[rows], axis=1)
             u, v = uv[rows].T
             x, y, z = (plane[i] * u + plane[3 + i] * v + plane[6 + i] for i in range(3))
             # One by one: a matrix product may round a row by where in the array it is.
@@ -158,11 +158,10 @@ def _mix(one: Factors, two: Factors, share: Factors) -> Factors:
 
 
 def _planes(surface: Surface, cell: float) -> FloatArray:
-    """(F, 9) of each triangle ∂X/∂u, ∂X/∂v and the place where u = v = 0, in cells."""
+    """(9, F) of each triangle ∂X/∂u, ∂X/∂v and the place where u = v = 0, in cells."""
     steps = surface.jacobian.transpose(0, 2, 1).reshape(-1, 6)
     start = surface.corners[:, 0] - np.einsum("fxc,fc->fx", surface.jacobian, surface.uv[:, 0])
-    found: FloatArray = np.concatenate([steps, start], axis=1) / cell
-    return found
+    return np.ascontiguousarray(np.concatenate([steps, start], axis=1).T / cell)
 
 
 def _spacing(surface: Surface, settings: GraphSettings) -> float:
