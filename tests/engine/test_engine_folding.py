@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from engine.engines import built, new_asset, settle
-from pipeline.scenes import DEPTH
+from pipeline.scenes import DEPTH, settings_of, sheet
 from pipeline.test_stage_folding import pressed
+from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.messages import METHODS, SAMPLINGS, STRETCH_MODELS, MapQuery
 
 EVERY = [MapQuery(*names) for names in product(METHODS, STRETCH_MODELS, SAMPLINGS)]
@@ -49,3 +50,13 @@ def test_percentiles_are_those_of_the_mesh(engine):
     engine.assets.change(asset, {"response": {"folds": 0.0}})
     settle(engine, asset)
     assert engine.frames.info(asset, "folded").log_stretch == one
+
+
+def test_folds_are_of_frames_and_change_no_elements(device):
+    """So that a PATCH of them, of any number of wrinkles, is quick."""
+    asset = DeviceAsset(device, sheet(), settings_of(preset="best").resolved(0.1))
+    now = asset.mesh.settings
+    assert now.response.folds == 1.0
+    assert not asset.mesh.prepares(now.changed({"response": {"folds": 0.5}}))
+    assert asset.mesh.prepares(now.changed({"response": {"folds": 0.5, "beta_w": 1.0}}))
+    asset.release()

@@ -133,17 +133,79 @@ def events_of(
         return None
     even = spacing * settings.density**0.5
     millimetre = unit_length(unit, even * surface.scale) / surface.scale
-    keys, corners = _placed_corners(surface, millimetre)
-    found = [
-        _thrown(surface, fields, settings, keys, corners, kind, millimetre)
-        for kind in range(1, len(_KINDS) + 1)
-    ]
+    throw = _Throw(surface, fields, settings, millimetre)
+    found = [throw.darts(kind) for kind in range(1, len(_KINDS) + 1)]
     kind = np.repeat(np.arange(1, len(found) + 1), [len(d.key) for d in found]).astype(np.int32)
-    darts = _joined(found)
     if not len(kind):
         return None
     depth = DEPTH_OF_SPACING * (spacing / millimetre) * depth_factor(settings.age)
-    return _shaped(surface, fields, settings, darts, kind, millimetre, depth)
+    return throw.shaped(_joined(found), kind, depth)
+
+
+class _Throw:
+    """Throws darts onto a surface, and makes events of them.  millimetre: in units of the
+    surface."""
+
+    def __init__(
+        self, surface: Surface, fields: Fields, settings: GraphSettings, millimetre: float
+    ) -> None:
+        self._surface, self._fields, self._settings = surface, fields, settings
+        self._millimetre = millimetre
+        self._keys, self._corners = _placed_corners(surface, millimetre)
+
+    def darts(self, kind: int) -> Darts:
+        """The darts of a kind that count."""
+        cancellation.check()
+        event, settings, fields = _KINDS[kind - 1], self._settings, self._fields
+        rates = {r: settings.events * v for r, v in event.rates_at(settings.age).items()}
+        most = max(rates.values()) * fields.most_events * (_DENSEST if event.groups else 1.0)
+        darts = self._below(most, kind)
+        at = darts.points
+        rate = fields.of_regions(rates, at.triangle, at.uv).astype(np.float64)
+        rate *= fields.events(at.triangle, at.uv)
+        rate *= ~fields.bare(at.triangle, at.uv)
+        if event.groups:
+            rng = np.random.default_rng([settings.start, _NOISE, kind])
+            rate *= _grouped(SmoothNoise(event.groups, rng).at(at.position / self._millimetre))
+        return darts.take(darts.level < rate)
+
+    def _below(self, most: float, kind: int) -> Darts:
+        """The darts of a kind below the level `most`."""
+        surface = self._surface
+        used = np.flatnonzero(surface.carries & (surface.area > 0))
+        area = surface.area[used] / (10.0 * self._millimetre) ** 2
+        count = np.floor(area * most).astype(np.int64) + 1
+        triangle, area = np.repeat(used, count), np.repeat(area, count)
+        number = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
+        words = random4(self._keys[triangle], number, _THROWN + kind, self._settings.start)
+        one, two, three, key = words
+        level = (number + unit_interval(one).astype(np.float64)) / area
+        low = np.flatnonzero(level < most)
+        at = triangle[low]
+        points = _points(surface, at, self._corners[at], two[low], three[low])
+        inside = (points.uv >= 0).all(axis=1) & (points.uv[:, 0] < UDIM_COLUMNS)
+        return Darts(points, key[low], level[low]).take(inside)
+
+    def shaped(self, darts: Darts, kind: NDArray[np.int32], depth: float) -> Events:
+        """The events of darts, those that are too close to others left out.
+
+        kind: of each.  depth: of a wrinkle of strength 1, millimetres.
+        """
+        surface, fields = self._surface, self._fields
+        words = random4(darts.key, _SIZED, self._settings.start, kind)
+        sizes = np.stack([unit_interval(w) for w in words], axis=-1).astype(np.float64)
+        radius = self._millimetre * _between(kind, "radius", sizes[:, 0])
+        kept = _kept(darts, kind, radius)
+        # Of those that are left by place: nothing else about them is without an order.
+        kept = kept[np.lexsort(darts.points.position[kept].T)]
+        points, kind, sizes, radius = darts.points.take(kept), kind[kept], sizes[kept], radius[kept]
+        height = radius / self._millimetre * _between(kind, "steepness", sizes[:, 1])
+        weight = height / (EVENT_DEPTHS * depth) * fields.event_strength(points.triangle, points.uv)
+        weight = np.clip(weight, _LEAST_WEIGHT, 1.0)
+        longer = 1.0 + (_of_kinds(kind, [e.longer for e in _KINDS]) - 1.0) * sizes[:, 2] ** 2
+        angle = _angles(surface, points, np.pi * sizes[:, 3])
+        metric, circle = pore_ellipses(surface, points.triangle, radius, angle, longer)
+        return Events(points, kind, weight.astype(np.float32), radius, metric, circle)
 
 
 def _placed_corners(surface: Surface, millimetre: float) -> tuple[Words, IntArray]:
@@ -163,31 +225,6 @@ def _placed_corners(surface: Surface, millimetre: float) -> tuple[Words, IntArra
     return random4(state[0], words[:, 8], 0, 0)[0], order
 
 
-def _thrown(
-    surface: Surface,
-    fields: Fields,
-    settings: GraphSettings,
-    keys: Words,
-    corners: IntArray,
-    kind: int,
-    millimetre: float,
-) -> Darts:
-    """The darts of a kind that count."""
-    cancellation.check()
-    event = _KINDS[kind - 1]
-    rates = {r: settings.events * v for r, v in event.rates_at(settings.age).items()}
-    most = max(rates.values()) * fields.most_events * (_DENSEST if event.groups else 1.0)
-    darts = _darts(surface, keys, corners, kind, settings.start, most, (10.0 * millimetre) ** 2)
-    at = darts.points
-    rate = fields.of_regions(rates, at.triangle, at.uv).astype(np.float64)
-    rate *= fields.events(at.triangle, at.uv)
-    rate *= ~fields.bare(at.triangle, at.uv)
-    if event.groups:
-        noise = SmoothNoise(event.groups, np.random.default_rng([settings.start, _NOISE, kind]))
-        rate *= _grouped(noise.at(at.position / millimetre))
-    return darts.take(darts.level < rate)
-
-
 def _grouped(noise: Singles) -> Singles:
     """Factors of the number of events in groups, their mean 1 but for the limit."""
     deviation = np.float32(_GROUPED)
@@ -195,30 +232,6 @@ def _grouped(noise: Singles) -> Singles:
     stray = np.float32(_STRAY)
     found: Singles = stray + (np.float32(1.0) - stray) * np.minimum(factor, np.float32(_DENSEST))
     return found
-
-
-def _darts(
-    surface: Surface,
-    keys: Words,
-    corners: IntArray,
-    kind: int,
-    seed: int,
-    most: float,
-    square: float,
-) -> Darts:
-    """The darts of a kind below the level `most`, in darts per `square`."""
-    used = np.flatnonzero(surface.carries & (surface.area > 0))
-    area = surface.area[used] / square
-    count = np.floor(area * most).astype(np.int64) + 1
-    triangle, area = np.repeat(used, count), np.repeat(area, count)
-    number = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
-    one, two, three, key = random4(keys[triangle], number, _THROWN + kind, seed)
-    level = (number + unit_interval(one).astype(np.float64)) / area
-    low = np.flatnonzero(level < most)
-    at = triangle[low]
-    points = _points(surface, at, corners[at], two[low], three[low])
-    inside = (points.uv >= 0).all(axis=1) & (points.uv[:, 0] < UDIM_COLUMNS)
-    return Darts(points, key[low], level[low]).take(inside)
 
 
 def _points(
@@ -246,34 +259,6 @@ def _joined(darts: list[Darts]) -> Darts:
     whole = Points(*(np.concatenate([getattr(p, n) for p in points]) for n in names))
     key, level = (np.concatenate([getattr(d, n) for d in darts]) for n in ("key", "level"))
     return Darts(whole, key, level)
-
-
-def _shaped(
-    surface: Surface,
-    fields: Fields,
-    settings: GraphSettings,
-    darts: Darts,
-    kind: NDArray[np.int32],
-    millimetre: float,
-    depth: float,
-) -> Events:
-    """The events of darts, those that are too close to others left out.  depth: of a wrinkle of
-    strength 1, millimetres."""
-    sizes = np.stack(
-        [unit_interval(w) for w in random4(darts.key, _SIZED, settings.start, kind)], axis=-1
-    ).astype(np.float64)
-    radius = millimetre * _between(kind, "radius", sizes[:, 0])
-    kept = _kept(darts, kind, radius)
-    # Of those that are left by place: nothing else about them is without an order.
-    kept = kept[np.lexsort(darts.points.position[kept].T)]
-    points, kind, sizes, radius = darts.points.take(kept), kind[kept], sizes[kept], radius[kept]
-    height = radius / millimetre * _between(kind, "steepness", sizes[:, 1])
-    weight = height / (EVENT_DEPTHS * depth) * fields.event_strength(points.triangle, points.uv)
-    weight = np.clip(weight, _LEAST_WEIGHT, 1.0)
-    longer = 1.0 + (_of_kinds(kind, [e.longer for e in _KINDS]) - 1.0) * sizes[:, 2] ** 2
-    angle = _angles(surface, points, np.pi * sizes[:, 3])
-    metric, circle = pore_ellipses(surface, points.triangle, radius, angle, longer)
-    return Events(points, kind, weight.astype(np.float32), radius, metric, circle)
 
 
 def _kept(darts: Darts, kind: NDArray[np.int32], radius: FloatArray) -> IntArray:

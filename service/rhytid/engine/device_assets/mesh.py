@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
@@ -154,10 +155,12 @@ class DeviceMesh:
         }
 
     def prepares(self, settings: AssetSettings) -> bool:
-        """Whether these settings change the elements, so that `use` is not enough."""
+        """Whether these settings change the elements, so that `use` is not enough. What folds of
+        the mesh take is of each frame."""
         old = self.settings
-        other = settings.response != old.response or settings.bins.count != old.bins.count
-        return other or _laid_out(settings.shape) != _laid_out(old.shape)
+        one, other = (replace(s.response, folds=0.0) for s in (old, settings))
+        changed = one != other or settings.bins.count != old.bins.count
+        return changed or _laid_out(settings.shape) != _laid_out(old.shape)
 
     def install(self, prepared: Prepared, settings: AssetSettings) -> None:
         """Replace elements and settings in one step."""
