@@ -53,7 +53,7 @@ def lengths(engine, asset):
 
 def apart(mesh: Mesh, graph: WrinkleGraph) -> float:
     """Mean distance of the pores that are drawn to the nearest."""
-    shown = graph.node_weight > 0
+    shown = graph.pore_weight > 0
     assert graph.node_triangle is not None
     places = surface_points(mesh, graph.node_uv[shown], graph.node_triangle[shown])
     return float(cKDTree(places).query(places, k=2)[0][:, 1].mean())

@@ -236,9 +236,7 @@ def test_a_painted_mask_goes_before_that_of_folds() -> None:
 def test_regions_of_folds_change_how_many_wrinkles_there_are(device: Device) -> None:
     on = (MESH.positions[:, 0] > 0.5).astype(np.float32)
     folds = Folds(folded(0.0, size=0.0).tensor, 0, {"lip": on})
-    # Lips that are told apart by less have 1.6 times as many pores to an area.
-    settings = GraphSettings(wrinkles=COUNT, patches=0.0, anatomy="coarse")
-    made = synthesize(MESH, settings, device, folds=folds)
+    made = synthesize(MESH, GraphSettings(wrinkles=COUNT, patches=0.0), device, folds=folds)
     left, right_half = halves(MESH, made.graph)
     density = REGIONS["lip"].density
     assert made.graph.wrinkles == pytest.approx(COUNT * (1.0 + density) / 2.0, rel=0.03)
