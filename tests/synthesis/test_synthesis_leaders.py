@@ -17,7 +17,7 @@ from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.generate import Synthesis, synthesize
-from rhytid.synthesis.leader_trails import LONGEST, SHORTEST, STEP
+from rhytid.synthesis.leader_courses import LONGEST, SHORTEST, STEP
 from rhytid.synthesis.leaders import LeaderPores, Leaders, leaders_of, unit_length
 from rhytid.synthesis.painted_fields import fields_of
 from rhytid.synthesis.seams.borders import Borders
@@ -101,7 +101,7 @@ def test_they_keep_their_distance(device: Device) -> None:
     leaders, pores = flat(device)
     place, line = pores.points.position, pores.line
     middle = np.flatnonzero(
-        pores.depth > 0.7 * np.sqrt(leaders.trails.wishes.size[leaders.row])[line]
+        pores.depth > 0.7 * np.sqrt(leaders.courses.wishes.size[leaders.row])[line]
     )
     near = cKDTree(place).query_ball_point(place[middle], 1.2 * MILLIMETRE)
     assert all((line[found] == line[i]).all() for i, found in zip(middle, near, strict=True))

@@ -14,11 +14,11 @@ from scipy.spatial import cKDTree
 
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.lengths import SKIN, millimetres
+from rhytid.support import cancellation
 from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.hashes import unit_intervals
-from rhytid.synthesis.leader_trails import SHORTEST, STEP, Trails
+from rhytid.synthesis.leader_courses import SHORTEST, STEP, Courses
 from rhytid.synthesis.pore_density import spacings
-from rhytid.synthesis.progress import Progress, silent
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, unit
 
 # Of the distance that a larger line keeps from others, what it keeps from smaller ones at least.
@@ -60,9 +60,7 @@ class LeaderPores:
         return cls(points, np.empty(0, np.int64), nowhere[:, 0], nowhere[:, 0])
 
 
-def leaders_of(
-    ground: Ground, spacing: float, settings: GraphSettings, progress: Progress = silent
-) -> Leaders | None:
+def leaders_of(ground: Ground, spacing: float, settings: GraphSettings) -> Leaders | None:
     """The leaders of a ground; None where it has none, or settings ask for none.
 
     spacing: mean distance of pores on even skin, on the surface.
@@ -71,7 +69,7 @@ def leaders_of(
         return None
     scale = ground.surface.scale
     millimetre = unit_length(ground.unit, spacing * scale) / scale
-    found = Leaders.of(ground, millimetre, settings.start, progress)
+    found = Leaders.of(ground, millimetre, settings.start)
     return found if len(found) else None
 
 
@@ -86,11 +84,11 @@ def unit_length(name: str | None, spacing: float) -> float:
 class Leaders:
     """Traced lines that were chosen.
 
-    row (L,): the line of each leader among the trails.  first, last (L,): the points between which
+    row (L,): the course of each leader.  first, last (L,): the points between which
     it runs.
     """
 
-    trails: Trails
+    courses: Courses
     row: IntArray
     first: IntArray
     last: IntArray
@@ -100,20 +98,18 @@ class Leaders:
         return len(self.row)
 
     @classmethod
-    def of(
-        cls, ground: Ground, millimetre: float, seed: int, progress: Progress = silent
-    ) -> Leaders:
+    def of(cls, ground: Ground, millimetre: float, seed: int) -> Leaders:
         """Trace leaders on a ground.  millimetre: in units of the surface."""
-        trails = Trails.traced(ground, millimetre, seed, progress)
-        return cls(trails, *_chosen(trails), seed)
+        courses = Courses.traced(ground, millimetre, seed)
+        return cls(courses, *_chosen(courses), seed)
 
     def pores(self, radius: float) -> LeaderPores:
         """Pores along the leaders, where others are at least `radius` apart."""
-        surface, fields = self.trails.ground.surface, self.trails.ground.fields
+        surface, fields = self.courses.ground.surface, self.courses.ground.fields
         line, where = self._places(radius)
-        points = self.trails.between(self.row[line], where)
+        points = self.courses.between(self.row[line], where)
         taper = _taper((where - self.first[line]) / (self.last - self.first)[line])
-        size = np.sqrt(self.trails.wishes.size[self.row[line]])
+        size = np.sqrt(self.courses.wishes.size[self.row[line]])
         uneven = self._uneven(line, where)
         width = size * (_ENDS + (1.0 - _ENDS) * taper) * np.sqrt(uneven)
         leading = np.clip(fields.leading(points.triangle, points.uv), 0.0, 1.0)
@@ -124,20 +120,20 @@ class Leaders:
 
     def _places(self, radius: float) -> tuple[IntArray, FloatArray]:
         """(Q,) the leader of each pore, and (Q,) where on it the pore lies, counted in points of
-        its trail."""
+        its course."""
         count = self.last - self.first + 1
         line = np.repeat(np.arange(len(self)), count)
         at = np.arange(len(line)) - np.repeat(np.cumsum(count) - count - self.first, count)
-        points = self.trails.points.take(self.trails.index(self.row[line], at))
-        pace = _PACE * radius * spacings(self.trails.ground.fields, points.triangle, points.uv)
-        parts = np.split(self.trails.length / pace, np.cumsum(count)[:-1])
+        points = self.courses.points.take(self.courses.index(self.row[line], at))
+        pace = _PACE * radius * spacings(self.courses.ground.fields, points.triangle, points.uv)
+        parts = np.split(self.courses.length / pace, np.cumsum(count)[:-1])
         places = [_evenly(part, first) for part, first in zip(parts, self.first, strict=True)]
         of = np.repeat(np.arange(len(self)), [len(part) for part in places])
         return of, np.concatenate([np.empty(0), *places])
 
     def _uneven(self, line: IntArray, where: FloatArray) -> FloatArray:
         """(Q,) factors of the depth along each line, about 1: waves with phases of its own."""
-        key, waves = self.trails.wishes.key[self.row[line]], np.zeros(len(where))
+        key, waves = self.courses.wishes.key[self.row[line]], np.zeros(len(where))
         for salt, (least, more) in enumerate(_WAVES, _WAVY):
             phase, longer = unit_intervals(key, salt, self.seed)[:2]
             waves += np.sin(2 * np.pi * (where * STEP / (least + more * longer) + phase))
@@ -164,13 +160,14 @@ def _taper(share: FloatArray) -> FloatArray:
     return taper
 
 
-def _chosen(trails: Trails) -> tuple[IntArray, IntArray, IntArray]:
+def _chosen(courses: Courses) -> tuple[IntArray, IntArray, IntArray]:
     """Lines that become leaders, and the first and the last point of each: one after the other,
     each where it is far enough from all before it."""
-    free, width, least = trails.there.copy(), trails.there.shape[1], int(SHORTEST / STEP)
-    beside = _Beside(trails)
+    free, width, least = courses.there.copy(), courses.there.shape[1], int(SHORTEST / STEP)
+    beside = _Beside(courses)
     rows, spans = [], []
-    for row in trails.wishes.order:
+    for row in courses.wishes.order:
+        cancellation.check()
         if np.count_nonzero(free[row]) <= least:
             continue
         first, last = _longest_run(free[row])
@@ -198,17 +195,17 @@ def _longest_run(free: BoolArray) -> tuple[int, int]:
 class _Beside:
     """Finds the points of lines that are too near to a chosen one."""
 
-    def __init__(self, trails: Trails) -> None:
-        self._trails, self._there = trails, np.flatnonzero(trails.there.reshape(-1))
-        self._position = trails.points.position[self._there]
-        self._normal = trails.points.normal[self._there].astype(np.float64)
-        self._apart = trails.wishes.apart[self._there // trails.there.shape[1]]
+    def __init__(self, courses: Courses) -> None:
+        self._courses, self._there = courses, np.flatnonzero(courses.there.reshape(-1))
+        self._position = courses.points.position[self._there]
+        self._normal = courses.points.normal[self._there].astype(np.float64)
+        self._apart = courses.wishes.apart[self._there // courses.there.shape[1]]
         self._tree = cKDTree(self._position)
 
     def of(self, row: int, at: IntArray) -> IntArray:
         """Numbers of the points that lie too near to the points `at` of a line."""
-        points = self._trails.points.take(self._trails.index(row, at))
-        reach = self._trails.wishes.apart[row]
+        points = self._courses.points.take(self._courses.index(row, at))
+        reach = self._courses.wishes.apart[row]
         near = self._tree.query_ball_point(points.position, reach)
         of = np.repeat(np.arange(len(at)), [len(found) for found in near])
         found = np.concatenate([np.asarray(n, np.int64) for n in near])

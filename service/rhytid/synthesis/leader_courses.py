@@ -19,9 +19,10 @@ from rhytid.synthesis.hashes import Words, place_keys, unit_intervals
 from rhytid.synthesis.painted_fields import normals_at
 from rhytid.synthesis.pore_density import SPACING
 from rhytid.synthesis.pores import scatter_pores
-from rhytid.synthesis.progress import Progress
-from rhytid.synthesis.seams.walks import walk
-from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points
+from rhytid.synthesis.progress import silent
+from rhytid.synthesis.seams.borders import NONE, Borders
+from rhytid.synthesis.seams.charts import side_at, trace
+from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface
 
 # Millimetres: from seed to seed, and from one point of a line to the next.
 SEEDS, STEP = 2.4, 1.0
@@ -37,6 +38,8 @@ _WINDING = ((0.15, 9.0), (0.22, 2.2), (0.22, 0.8))
 _BEGINS, _GOES_ON = 0.12, 0.04
 # Cosine of the turn in one step at which a line ends: it has run into a whirl of the field.
 _WHIRL = 0.65
+# Seams that one step may cross.
+_SEAMS = 3
 # Purposes of random numbers.
 _SEED, _NOISE, _SIZE = 0x51ED270B, 0x2545F491, 11
 
@@ -75,7 +78,7 @@ class Wishes:
 
 
 @dataclass(frozen=True, eq=False)
-class Trails:
+class Courses:
     """C lines of 2K + 1 points, K to either side of a seed, the point K; where a line ends before,
     the rest is not there.
 
@@ -97,13 +100,13 @@ class Trails:
         return found
 
     @classmethod
-    def traced(cls, ground: Ground, millimetre: float, seed: int, progress: Progress) -> Trails:
+    def traced(cls, ground: Ground, millimetre: float, seed: int) -> Courses:
         """Lines from seeds all over the skin that folds one way."""
-        seeds, leading = _seeds(ground, millimetre, seed, progress)
+        seeds, leading = _seeds(ground, millimetre, seed)
         wishes = Wishes.of(place_keys(seeds.uv), leading, millimetre, seed)
-        course = _Course(ground, millimetre, seed)
-        back = course.traced(seeds, -1.0, wishes.before)
-        ahead = course.traced(seeds, 1.0, wishes.after)
+        tracer = _Tracer(ground, millimetre, seed)
+        back = tracer.traced(seeds, -1.0, wishes.before)
+        ahead = tracer.traced(seeds, 1.0, wishes.after)
         triangle, uv, there = (
             np.concatenate([one[:, :0:-1], two], axis=1)
             for one, two in zip(back[:3], ahead[:3], strict=True)
@@ -136,22 +139,53 @@ def points_at(ground: Ground, triangle: IntArray, uv: FloatArray) -> Points:
 def _walked(
     ground: Ground, triangle: NDArray[np.integer], uv: FloatArray, step: FloatArray
 ) -> tuple[IntArray, FloatArray, BoolArray]:
+    """Go from uv (N, 2) in triangles (N,) by UV steps (N, 2), straight on over seams: the triangles
+    (N,) and uv (N, 2) at the end, and (N,) whether the whole step was gone. It is not where the
+    surface ends, or more than a few seams are in the way."""
     assert ground.borders is not None
-    return walk(ground.surface, ground.across, ground.borders, triangle, uv, step)
+    at: IntArray = triangle.astype(np.int64)
+    arrived: BoolArray = np.zeros(len(uv), np.bool_)
+    uv, going, left = uv.copy(), np.arange(len(uv)), step.copy()
+    for _ in range(_SEAMS + 1):
+        line = trace(ground.surface, ground.across, at[going], uv[going], left[going])
+        at[going] = line.end
+        uv[going] += line.share[:, None] * left[going]
+        left[going] *= (1.0 - line.share)[:, None]
+        arrived[going[line.share >= 1.0]] = True
+        going = _over(ground.surface, ground.borders, at, uv, left, going[line.share < 1.0])
+        if not len(going):
+            break
+    return at, uv, arrived
 
 
-def _seeds(
-    ground: Ground, millimetre: float, seed: int, progress: Progress
-) -> tuple[Points, FloatArray]:
+def _over(
+    surface: Surface,
+    borders: Borders,
+    triangle: IntArray,
+    uv: FloatArray,
+    left: FloatArray,
+    rows: IntArray,
+) -> IntArray:
+    """Take what stands at a seam to its other side, in place; those of `rows` that were taken."""
+    row = borders.row[triangle[rows], side_at(surface.uv[triangle[rows]], uv[rows])]
+    mate = np.where(row == NONE, NONE, borders.mate[row])
+    rows, mate = rows[mate != NONE], mate[mate != NONE]
+    uv[rows] = borders.from_mate(mate, uv[rows])
+    left[rows] = np.einsum("nij,nj->ni", borders.turn_from_mate(mate), left[rows])
+    triangle[rows] = borders.triangle[mate]
+    return rows
+
+
+def _seeds(ground: Ground, millimetre: float, seed: int) -> tuple[Points, FloatArray]:
     """Seeds evenly over the surface, of these the ones where skin has leaders, and how far."""
     radius = SEEDS * millimetre / SPACING
-    found = scatter_pores(ground.work, ground.surface, radius, seed ^ _SEED, progress)
+    found = scatter_pores(ground.work, ground.surface, radius, seed ^ _SEED, silent)
     leading = ground.fields.leading(found.triangle, found.uv)
     begins = leading >= _BEGINS
     return found.take(begins), leading[begins].astype(np.float64)
 
 
-class _Course:
+class _Tracer:
     """The directions that leaders take, and steps along them."""
 
     def __init__(self, ground: Ground, millimetre: float, seed: int) -> None:
