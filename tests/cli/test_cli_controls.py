@@ -41,7 +41,7 @@ def test_maps_masks_and_settings_reach_the_graph(
     plain = read_graph(out.read_bytes())
     density = painted(tmp_path / f"d.1001.{kind}", 0, 128)
     mask = painted(tmp_path / f"m.{kind}", 255, 255)
-    options = ["--map", f"density={density}", "--region-mask", f"lip={mask}"]
+    options = ["--map", f"density={density}", "--region-mask", f"nose={mask}"]
     assert main([*base, *options, "--set", "strength=0.5", "--set", "turn=-10"]) == 0
     graph = read_graph(out.read_bytes())
     drawn = graph.own_nodes & (graph.node_weight > 0)  # a copy has its place in another chart

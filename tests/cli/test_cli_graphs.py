@@ -45,7 +45,7 @@ def test_synthesize_tells_what_the_file_holds(
     figures = told(capsys)
     graph = read_graph(out.read_bytes())
     assert (figures["pores"], figures["wrinkles"]) == graph.counts()
-    assert figures["drawn_pores"] == np.count_nonzero(graph.node_weight[graph.own_nodes])
+    assert figures["drawn_pores"] == np.count_nonzero(graph.pore_weight[graph.own_nodes])
     assert figures["seconds"].keys() >= {"pores", "edges", "trails"}
     assert all(seconds >= 0 for seconds in figures["seconds"].values())
     seconds = figures.pop("seconds")

@@ -31,7 +31,7 @@ def along_the_rim(device: Device, name: str, inside: float, outside: float) -> d
     """Mean weight, by length, of lines along the rim of a painted disc: within a spacing and a half
     inside and outside of it, and away from it on both sides."""
     controls = Controls({name: {1001: disc(inside, outside)}})
-    settings = GraphSettings(wrinkles=COUNT, anisotropy=0.0)
+    settings = GraphSettings(wrinkles=COUNT, anisotropy=0.0, patches=0.0)
     made = synthesize(MESH, settings, device, controls=controls)
     ends = made.graph.node_uv[made.graph.edge_nodes].astype(np.float64)
     step, middle = ends[:, 1] - ends[:, 0], ends.mean(axis=1) - 0.5
