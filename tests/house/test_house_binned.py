@@ -22,7 +22,8 @@ FACTORS = [str(factor) for factor in cushion_layer.FACTORS]
         f"the largest of {', '.join(FACTORS[:-1])} and {FACTORS[-1]}",
         f"{cushion_layer.COARSE_BLOCK} samples are left a side",
         f"log({cushion._MEETING})/`shape.cushion_sharpness`",
-        f"at {grain.CODES:g} codes",
+        f"at {grain.CODES:g} codes, or at {grain.UNEVEN_CODES:g} codes",
+        f"in all by {grain.MOST_UNDULATION:g} at most",
     ],
 )
 def test_the_numbers_are_those_of_the_page(said: str) -> None:

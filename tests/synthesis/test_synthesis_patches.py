@@ -71,7 +71,7 @@ def test_deviation_is_in_proportion_to_patchiness() -> None:
         for amount in (0.0, 0.5, 1.0)
     ]
     assert logs[0] == 0.0
-    assert logs[1:] == pytest.approx([0.17, 0.34], rel=0.06)
+    assert logs[1:] == pytest.approx([0.119, 0.236], rel=0.06)
 
 
 @pytest.mark.parametrize(("unit", "side"), [("mm", SIDE), ("cm", SIDE / 10), (None, SIDE)])

@@ -66,12 +66,14 @@ inline float between_corners(float3 values, float2 uv, __global const float *c)
 // grain, then that of the undulation, then the patchiness. Outside of a triangle its plane goes on.
 // finer: the largest wavelength of the grain over that of the undulation. shares: of the grain and
 // the undulation. table, patches, deviation: as in patches.clh, `patches` of the grain, then of the
-// undulation. Texel (row, column) of a map of `side` texels is the first; `width` a row. codes: 32 for
-// the root mean square. Within one code of the same in double.
+// undulation. Texel (row, column) of a map of `side` texels is the first; `width` a row. scale: codes
+// for the root mean square of even skin. The undulation is at most MOST_UNDULATION times that of even
+// skin, so that codes end at three of its deviations. Within one code of the same in double.
 __kernel void grain_codes(__global const int *triangles, int none, __global const float *corners,
                           __global const float *planes, int width, int side, int row, int column,
                           uint seed, float finer, float2 shares, __global const float *table,
-                          __global const float *patches, float2 deviation, __global char *codes)
+                          __global const float *patches, float2 deviation, float scale,
+                          __global char *codes)
 {
     int i = get_global_id(0), t = triangles[i];
     float sum = 0.0f;
@@ -82,18 +84,19 @@ __kernel void grain_codes(__global const int *triangles, int none, __global cons
         float3 p = vload3(0, plane) + uv.x * vload3(1, plane) + uv.y * vload3(2, plane);
         float texel = plane[9] / side;
         float amount = between_corners(vload3(0, plane + 16), uv, corners + 6 * t);
+        float broad = between_corners(vload3(0, plane + 13), uv, corners + 6 * t);
         if (amount > 0.0f) {
             shares.x *= patch_factor(table, patches, p, amount, deviation);
-            shares.y *= patch_factor(table, patches + 12, p, amount, deviation);
+            broad *= patch_factor(table, patches + 12, p, amount, deviation);
         }
         if (shares.x > 0.0f)
             sum += shares.x * between_corners(vload3(0, plane + 10), uv, corners + 6 * t) *
                    octaves(p, texel, GRAIN_OCTAVES, GRAIN_FINER, GRAIN_SHARES,
                            seed * GRAIN_OCTAVES);
         if (shares.y > 0.0f)
-            sum += shares.y * between_corners(vload3(0, plane + 13), uv, corners + 6 * t) *
+            sum += shares.y * min(broad, MOST_UNDULATION) *
                    octaves(finer * p, finer * texel, UNDULATION_OCTAVES, UNDULATION_FINER,
                            UNDULATION_SHARES, ~(seed * UNDULATION_OCTAVES) - UNDULATION_OCTAVES);
     }
-    codes[i] = convert_char_sat_rte(32.0f * sum);
+    codes[i] = convert_char_sat_rte(scale * sum);
 }

@@ -19,7 +19,7 @@ LONGEST = LargestWave(millimetres=20.0, of_spacing=40.0)
 _SHORTEST = 0.2
 # Relief is LEAST everywhere, and the rest of it log-normal: so the quietest skin is not bare.
 # Deviations of logarithms for undulation and grain where patchiness is 1, and the most.
-LEAST, DEVIATION, MOST_DEVIATION = 0.25, 0.48, 1.1
+LEAST, DEVIATION, MOST_DEVIATION = 0.25, 0.4, 1.1
 # Salts of their fields: undulation follows the strength of lines, for skin is quiet or lively as a
 # whole.
 STRENGTH_SALT, GRAIN_SALT = 11, 14

@@ -31,6 +31,7 @@ from rhytid.domain.patch_noise import (
     placement,
     table,
 )
+from rhytid.domain.skin import COARSE
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.reach import response_defines
 from rhytid.pipeline.smooth import SmoothFields
@@ -42,8 +43,9 @@ from rhytid.pipeline.vectors import VECTOR, VectorTriangles
 CELLS = 2.0
 # How its layer of codes is called.
 GRAIN = "grain"
-# Codes for the root mean square of the noise where texels carry all of it.
-CODES = 32.0
+# Codes for the root mean square of the noise where texels carry all of it; the same where swells
+# differ by region or patch, and how many times as high as on even skin these are at most.
+CODES, UNEVEN_CODES, MOST_UNDULATION = 32.0, 20.0, 2.0
 # Of even skin, at the corners of a triangle: factor of the grain, patchiness.
 _EVEN = np.array([1.0] * 6 + [0.0] * 3, np.float32)
 # How many edges from a pore on its value is carried over vertices without any; beyond, the mean.
@@ -125,8 +127,11 @@ def grain_codes(
         triangles, located.none, located.corners, planes.values, np.int32(side),
         np.int32(settings.resolution), np.int32(row), np.int32(column),
         np.uint32(settings.graph.start), *_shares(settings), planes.table, patches,
-        np.array([DEVIATION, MOST_DEVIATION], np.float32), codes,
-        defines={"PATCH_CELLS": PATCH_CELLS, "PATCH_LEAST": f"{LEAST}f"},
+        np.array([DEVIATION, MOST_DEVIATION], np.float32), np.float32(_codes(settings)), codes,
+        defines={
+            "PATCH_CELLS": PATCH_CELLS, "PATCH_LEAST": f"{LEAST}f",
+            "MOST_UNDULATION": f"{MOST_UNDULATION}f",
+        },
     )  # fmt: skip
     device.finish()
     patches.release()
@@ -153,7 +158,13 @@ def grain_place(
 def grain_amplitude(settings: AssetSettings) -> float:
     """Displacement of one code in the neutral, mesh units."""
     assert settings.depth is not None
-    return relief(settings) * settings.depth / CODES
+    return relief(settings) * settings.depth / _codes(settings)
+
+
+def _codes(settings: AssetSettings) -> float:
+    """Codes for the root mean square of even skin."""
+    graph = settings.graph
+    return CODES if graph.anatomy == COARSE and graph.patches == 0.0 else UNEVEN_CODES
 
 
 def relief(settings: AssetSettings) -> float:
