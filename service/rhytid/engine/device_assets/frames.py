@@ -210,7 +210,8 @@ class DeviceGrain:
 
     def _planes(self) -> GrainPlanes:
         base = self._base
-        make = partial(GrainPlanes, base.device, base.mesh, base.settings, base.relief_shares)
+        shares = base.relief_shares, base.patch_size
+        make = partial(GrainPlanes, base.device, base.mesh, base.settings, *shares)
         return base.cache.keep("planes", make=make)
 
     def _place(self, udim: int, row: int, column: int) -> GrainPlace:
