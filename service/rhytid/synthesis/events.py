@@ -9,6 +9,7 @@ kinds come first, and keep others at a distance.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +24,26 @@ from rhytid.support import cancellation
 from rhytid.synthesis.fields import Fields, SmoothNoise, level_directions
 from rhytid.synthesis.hashes import Words, random4, unit_interval
 from rhytid.synthesis.leaders import unit_length
+from rhytid.synthesis.progress import row_blocks
 from rhytid.synthesis.seams.copies import Arrays
 from rhytid.synthesis.shapes import pore_ellipses
-from rhytid.synthesis.surface import UDIM_COLUMNS, FloatArray, IntArray, Points, Surface, unit
+from rhytid.synthesis.surface import (
+    UDIM_COLUMNS,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Points,
+    Surface,
+    cross,
+    unit,
+)
 
 # Side of the cells in which corners of triangles are counted, millimetres; where in its cell the
 # origin lies, so that corners of meshes made by rule lie at no border.
 _CELL, _BETWEEN = 0.1, 0.381966
 _LEAST_WEIGHT = 1e-6
+# What lies farther from an event than this many times its reach is no skin around it.
+_AROUND = 2.0
 # Two events are at least so many times the sum of their radii apart.
 _APART = 0.8
 # Which kinds are placed first.
@@ -77,6 +90,11 @@ class Events:
 
     def __len__(self) -> int:
         return len(self.kind)
+
+    def take(self, index: BoolArray) -> Events:
+        """The events of a mask."""
+        rest = self.kind, self.weight, self.radius, self.metric, self.circle
+        return Events(self.points.take(index), *(values[index] for values in rest))
 
     def added_to(self, arrays: Arrays) -> Arrays:
         """The arrays of a graph with the events after its nodes; none of these is a copy yet, but
@@ -205,7 +223,8 @@ class _Throw:
         longer = 1.0 + (_of_kinds(kind, [e.longer for e in _KINDS]) - 1.0) * sizes[:, 2] ** 2
         angle = _angles(surface, points, np.pi * sizes[:, 3])
         metric, circle = pore_ellipses(surface, points.triangle, radius, angle, longer)
-        return Events(points, kind, weight.astype(np.float32), radius, metric, circle)
+        found = Events(points, kind, weight.astype(np.float32), radius, metric, circle)
+        return found.take(_over_own_skin(surface, found, radius * np.sqrt(longer)))
 
 
 def _placed_corners(surface: Surface, millimetre: float) -> tuple[Words, IntArray]:
@@ -281,6 +300,60 @@ def _kept(darts: Darts, kind: NDArray[np.int32], radius: FloatArray) -> IntArray
     for dart in order.tolist():
         kept[dart] = not any(kept[other] for other in others.get(dart, ()))
     return np.flatnonzero(kept)
+
+
+def _over_own_skin(surface: Surface, events: Events, reach: FloatArray) -> BoolArray:
+    """(E,) whether all that lies below an event in the UV map is skin around it. At the border of
+    a chart it is drawn on, over the gutter, and would cover what other skin lies there.
+
+    reach (E,): half of its length on the surface.
+    """
+    corners, found = surface.corners, np.ones(len(events), np.bool_)
+    middle = corners.mean(axis=1)
+    extent = np.linalg.norm(corners - middle[:, None], axis=-1).max(axis=1)
+    for rows in row_blocks(len(events)):
+        within = _within_rims(events.metric[rows]) + events.points.uv[rows, None]
+        event, triangle = _near_in_map(surface.uv, events.points.uv[rows], within)
+        apart = np.linalg.norm(events.points.position[rows][event] - middle[triangle], axis=-1)
+        far = np.flatnonzero(apart > _AROUND * reach[rows][event] + extent[triangle])
+        event, triangle = event[far], triangle[far]
+        at = within[event].reshape(-1, 2)
+        shares = surface.barycentric(np.repeat(triangle, within.shape[1]), at)
+        covers = (shares > 0.0).all(axis=-1).reshape(-1, within.shape[1]).any(axis=1)
+        found[rows.start + event[covers]] = False
+    return found
+
+
+def _within_rims(metric: Singles) -> FloatArray:
+    """(E, R, 2) UV steps from the centres of ellipses to places within and on their rims."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+    way = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    uu, uv, vv = metric.astype(np.float64).T[..., None]
+    size = np.sqrt(uu * way[:, 0] ** 2 + 2.0 * uv * way[:, 0] * way[:, 1] + vv * way[:, 1] ** 2)
+    rim = way / size[..., None]
+    return np.concatenate([rim, 0.5 * rim], axis=1)
+
+
+def _near_in_map(
+    corners: FloatArray, centre: Singles, within: FloatArray
+) -> tuple[IntArray, IntArray]:
+    """Pairs of events and triangles that may share places in the UV map.
+
+    corners (F, 3, 2).  centre (E, 2), within (E, R, 2): places of the events.
+    """
+    middle = corners.mean(axis=1)
+    extent = np.linalg.norm(corners - middle[:, None], axis=-1).max(axis=1)
+    size = np.frexp(extent)[1]  # triangles that are about as large have a tree of their own
+    reach = np.linalg.norm(within - centre[:, None], axis=-1).max(axis=1)
+    events, triangles = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    sides = corners[:, 1:] - corners[:, :1]
+    flat = cross(sides[:, 0], sides[:, 1]) == 0.0
+    for one in np.unique(size[~flat]):
+        rows = np.flatnonzero((size == one) & ~flat)
+        near = cKDTree(middle[rows]).query_ball_point(centre, reach + extent[rows].max())
+        events.append(np.repeat(np.arange(len(near)), [len(found) for found in near]))
+        triangles.append(rows[np.fromiter(chain.from_iterable(near), np.int64)])
+    return np.concatenate(events), np.concatenate(triangles)
 
 
 def _angles(surface: Surface, points: Points, turn: FloatArray) -> FloatArray:
