@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from rhytid.domain.asset_settings import GraphSettings
-from rhytid.domain.events import EVENT_DEPTHS, EVENTS
+from rhytid.domain.events import EVENT_DEPTHS, EVENTS, FADING, KINDS
 from rhytid.domain.graph import ORIGINAL
 from rhytid.domain.lengths import DEPTH_OF_SPACING
 from rhytid.domain.skin import depth_factor
@@ -48,7 +48,6 @@ _AROUND = 2.0
 _APART = 0.8
 # Which kinds are placed first.
 _FIRST = ("mole", "scar", "papule", "milium", "bump", "wide_pore")
-_KINDS = tuple(EVENTS.values())
 # Of kinds that come in groups: how far their numbers to an area differ, a deviation of their
 # logarithm; and the most of the factor.
 _GROUPED, _DENSEST = 1.1, 6.0
@@ -93,8 +92,10 @@ class Events:
 
     def take(self, index: BoolArray) -> Events:
         """The events of a mask."""
-        rest = self.kind, self.weight, self.radius, self.metric, self.circle
-        return Events(self.points.take(index), *(values[index] for values in rest))
+        return Events(
+            self.points.take(index), self.kind[index], self.weight[index], self.radius[index],
+            self.metric[index], self.circle[index],
+        )  # fmt: skip
 
     def added_to(self, arrays: Arrays) -> Arrays:
         """The arrays of a graph with the events after its nodes; none of these is a copy yet, but
@@ -119,7 +120,7 @@ class Events:
     ) -> Singles:
         """(N,) factors of the weights of what lies at uv (N, 2): below 1 over events whose kind
         lines fade over."""
-        most = np.array([0.0, *(event.fading for event in _KINDS)])[self.kind]
+        most = FADING[self.kind]
         over = np.flatnonzero(most > 0)
         factor = np.ones(len(triangle), np.float32)
         if not len(over):
@@ -152,7 +153,7 @@ def events_of(
     even = spacing * settings.density**0.5
     millimetre = unit_length(unit, even * surface.scale) / surface.scale
     throw = _Throw(surface, fields, settings, millimetre)
-    found = [throw.darts(kind) for kind in range(1, len(_KINDS) + 1)]
+    found = [throw.darts(kind) for kind in range(1, len(KINDS) + 1)]
     kind = np.repeat(np.arange(1, len(found) + 1), [len(d.key) for d in found]).astype(np.int32)
     if not len(kind):
         return None
@@ -174,7 +175,7 @@ class _Throw:
     def darts(self, kind: int) -> Darts:
         """The darts of a kind that count."""
         cancellation.check()
-        event, settings, fields = _KINDS[kind - 1], self._settings, self._fields
+        event, settings, fields = KINDS[kind - 1], self._settings, self._fields
         rates = {r: settings.events * v for r, v in event.rates_at(settings.age).items()}
         most = max(rates.values()) * fields.most_events * (_DENSEST if event.groups else 1.0)
         darts = self._below(most, kind)
@@ -220,7 +221,7 @@ class _Throw:
         height = radius / self._millimetre * _between(kind, "steepness", sizes[:, 1])
         weight = height / (EVENT_DEPTHS * depth) * fields.event_strength(points.triangle, points.uv)
         weight = np.clip(weight, _LEAST_WEIGHT, 1.0)
-        longer = 1.0 + (_of_kinds(kind, [e.longer for e in _KINDS]) - 1.0) * sizes[:, 2] ** 2
+        longer = 1.0 + (_of_kinds(kind, [e.longer for e in KINDS]) - 1.0) * sizes[:, 2] ** 2
         angle = _angles(surface, points, np.pi * sizes[:, 3])
         metric, circle = pore_ellipses(surface, points.triangle, radius, angle, longer)
         found = Events(points, kind, weight.astype(np.float32), radius, metric, circle)
@@ -372,7 +373,7 @@ def _angles(surface: Surface, points: Points, turn: FloatArray) -> FloatArray:
 def _between(kind: NDArray[np.int32], name: str, share: FloatArray) -> FloatArray:
     """(E,) sizes between the least and the most of each kind, small ones more often than large
     ones."""
-    ends = np.sort(np.abs([getattr(event, name) for event in _KINDS]), axis=1)[kind - 1]
+    ends = np.sort(np.abs([getattr(event, name) for event in KINDS]), axis=1)[kind - 1]
     found: FloatArray = ends[:, 0] * (ends[:, 1] / ends[:, 0]) ** share
     return found
 
