@@ -57,7 +57,7 @@ def test_lengths_are_in_proportion_to_the_spacing() -> None:
 def test_an_origin_comes_back_from_its_metadata() -> None:
     origin = GraphOrigin.of(MESH, "mm", Lengths.of(0.1 + 0.2))
     assert GraphOrigin.parse(origin.metadata()) == origin
-    whole = replace(origin, grain_size=0.1, undulation_size=3.0, seed=2**31 - 1)
+    whole = replace(origin, grain_size=0.1, undulation_size=3.0, seed=2**31 - 1, patch_size=9.0)
     assert GraphOrigin.parse(whole.metadata()) == whole
     assert GraphOrigin.parse({"depth": "0.5", "asset": "a"}) == GraphOrigin(depth=0.5)
     assert GraphOrigin.parse({"asset": "a"}) is None

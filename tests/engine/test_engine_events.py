@@ -12,6 +12,7 @@ from pipeline.scenes import DEPTH, random_graph, settings_of, sheet
 from rhytid.domain.events import MOST_KIND
 from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine.device_assets import frames
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
@@ -114,6 +115,19 @@ def test_a_layer_of_codes_has_the_neutral(device):
     np.testing.assert_allclose(found, maps[0] - maps[1], atol=steps[1] + 1e-5 * DEPTH)
     assert "events" not in bare.bins.manifest().layers
     assert asset.bins.manifest().depth_exponents["events"] == pytest.approx(3.5)
+
+
+def test_both_samples_of_codes_are_drawn_once(device, monkeypatch):
+    """And those of the next square anew; no more than one square is kept."""
+    asset, drawn = asset_of(device, EVENTFUL, preset="best"), []
+    add = frames.add_events
+    monkeypatch.setattr(frames, "add_events", lambda *a: drawn.append(a[4]) or add(*a))
+    for column in (1, 2, 1):
+        for sample in (0, 1):
+            asset.bins.layer_codes(TileAddress(1001, 0, 1, column), "events", None, sample)
+    assert [square[1] for square in drawn] == [TILE, 2 * TILE, TILE]
+    assert asset.mesh.cache.find("event heights", 1001, TILE, TILE, TILE) is not None
+    assert asset.mesh.cache.find("event heights", 1001, TILE, 2 * TILE, TILE) is None
 
 
 def test_precomputed_maps_hold_no_events(device):

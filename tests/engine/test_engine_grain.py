@@ -13,6 +13,7 @@ from reference import drawing, locate
 from reference import grain as reference
 from reference import patches as patches_reference
 from reference.stretch import log_stretch
+from rhytid.domain.graph import GraphOrigin
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.patch_noise import (
@@ -136,16 +137,21 @@ def test_each_relief_is_as_rough_as_its_own_factor_of_pores_says(device, name):
         ),
     ],
 )
-def test_grain_and_undulation_are_as_patchy_as_pores_say(device, salt, octaves, shape, step):
+@pytest.mark.parametrize(("unit", "wave"), [("cm", None), ("ell", 0.7)])
+def test_grain_and_undulation_are_as_patchy_as_pores_say(
+    device, salt, octaves, shape, step, unit, wave
+):
+    """In waves of the lines, which the graph says where the unit has no known length."""
     mesh, lines = sheet(n=6), random_graph(5, 400)
     amount = np.random.default_rng(2).uniform(0.0, 3.5, len(lines.node_uv)).astype(np.float32)
     none = {"edge_weight": 0 * lines.edge_weight, "node_weight": 0 * lines.node_weight}
-    lines = replace(lines, node_patchiness=amount, **none)
+    origin = GraphOrigin(unit, patch_size=wave)
+    lines = replace(lines, node_patchiness=amount, origin=origin, **none)
     noise, sure, index = expected(mesh, octaves=octaves, step=step)
     inside = np.maximum(index, 0)
     points = drawing.crop(0, 0, SIDE, SIDE, SIDE).reshape(SIDE, SIDE, 2)[::step, ::step]
     points = points.reshape(-1, 2)
-    asset = asset_of(device, mesh, lines, shape, unit="cm", graph={"patches": 1.0})
+    asset = asset_of(device, mesh, lines, shape, unit=unit, graph={"patches": 1.0})
     held = np.flatnonzero(asset.mesh.pore_triangle < len(mesh.faces))
     share = reference.rough(
         mesh.triangle_uv().astype(float), mesh.faces, points, inside,
@@ -158,7 +164,7 @@ def test_grain_and_undulation_are_as_patchy_as_pores_say(device, salt, octaves, 
     )
     places = corners[:, 0] + np.einsum("pij,pj->pi", jacobian, points - uv[:, 0])
     factor = patches_reference.factor(
-        places, cell_size(settings), table(), placement(settings.graph.start, salt), share,
+        places, cell_size(settings, wave), table(), placement(settings.graph.start, salt), share,
         DEVIATION, MOST_DEVIATION, LEAST,
     ).reshape(noise.shape)  # fmt: skip
     assert factor.max() > MOST_UNDULATION

@@ -18,6 +18,7 @@ from rhytid.domain.graph import GraphOrigin, WrinkleGraph
 from rhytid.domain.graph_geometry import surface_points
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Controls
+from rhytid.domain.patch_noise import LONGEST
 from rhytid.domain.skin import depth_factor
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import GraphError, LimitError, SettingsError
@@ -27,6 +28,7 @@ from rhytid.formats.graphs import read_graph, write_graph
 from rhytid.storage import AssetStore
 from rhytid.storage.canonical import canonical
 from rhytid.storage.records import StoredAsset
+from rhytid.synthesis.pore_density import EDGES_PER_PORE, PACKING, SPACING
 from synthesis import sheets
 
 # 4 cm a side: 9,700 wrinkles where pores are half a millimetre apart.
@@ -119,6 +121,21 @@ def test_a_graph_alone_draws_the_relief_that_it_was_drawn_with(engine, more):
             engine.frames.put(asset, "smile", bent())
         one, two = (both(engine, asset) for asset in (first, second))
         assert same(one, two)
+
+
+def test_waves_of_patches_are_those_of_the_lines_where_the_unit_is_unknown(engine):
+    """A broader undulation, and a count in place of the spacing, change no patches."""
+    skin = {"patches": 1.0, "wrinkles": 900, "seed": 7}
+    first = grown(engine, **SIZE, unit="ell", graph=skin)
+    graph = read_graph(write_graph(engine.assets.graph(first)))
+    even = SPACING * np.sqrt(PACKING * 16.0 * EDGES_PER_PORE / 900)
+    assert graph.origin.patch_size == pytest.approx(LONGEST.of_spacing * even, rel=0.01)
+    engine.assets.change(first, {"shape": {"undulation_size": 0.9}})
+    settle(engine, first)
+    assert engine.assets.graph(first).origin.patch_size == graph.origin.patch_size
+    second = built(engine, NewAsset(MESH, AssetSettings.parse(SIZE), graph))
+    assert engine.assets.graph(second).origin.patch_size == graph.origin.patch_size
+    assert engine.assets.graph(grown(engine, **SPARSE)).origin.patch_size is None
 
 
 def bent():

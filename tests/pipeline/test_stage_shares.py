@@ -46,6 +46,9 @@ def redrawn(made, positions):
     return made.redrawn(positions, at=(64, 128), side=64)
 
 
+BOTH = (blended, redrawn)
+
+
 @pytest.mark.parametrize("factored", [True, False])
 def test_each_sample_has_the_depths_that_shares_make_of_it(device, factored):
     """As drawn from a graph whose weights are that much larger, and that has no shares."""
@@ -77,6 +80,22 @@ def test_maps_of_a_lone_wrinkle_blend_to_its_redrawing(device, r, cushion):
     assert np.abs(wanted - plain).max() > 0.1 * np.abs(plain).max()
     inside = np.s_[:, 16:]  # where every texel has a triangle
     assert np.abs(blended(made, positions) - wanted)[inside].max() <= 4e-3 * DEPTH
+
+
+@pytest.mark.parametrize(("r", "least", "most"), [(-0.15, 0.98, 1.02), (-0.5, 1.1, 16.0 / 7.0)])
+def test_maps_are_deeper_where_redrawing_cuts_the_product_off(device, r, least, most):
+    """σ_d and what a share makes of it are each at most 4 in maps; redrawn, their product is at
+    most 7. So maps of a wrinkle of weight 0.5 with a large share are deeper where skin is pressed
+    hard: no more than 16/7 times, and not at all where neither limit is reached."""
+    lone = replace(ALONE, edge_share=np.array([2.9], np.float32))
+    response, shape = {"alpha_d": 4.0, "alpha_w": 0.0, "ends": 0.0}, {"cushion": 0.0}
+    settings = settings_of(bins={**FACTORED, "r_max": 0.5}, response=response, shape=shape)
+    made = BinnedScene(device, sheet(), lone, settings)
+    positions = (np.exp(r) * made.mesh.positions).astype(np.float32)
+    inside = np.s_[:, 16:]
+    found, wanted = (-values[inside].min() for values in (f(made, positions) for f in BOTH))
+    assert wanted > 0.5 * DEPTH
+    assert least < found / wanted < most
 
 
 def test_the_range_of_codes_holds_the_deepest_share():

@@ -262,3 +262,44 @@ def test_a_file_holds_the_kinds(device: Device) -> None:
 def test_the_preset_paper_has_no_events() -> None:
     assert AssetSettings.parse({"preset": "paper"}).graph.events == 0.0
     assert AssetSettings.parse({}).graph.events == 1.0
+
+
+def apart(gap: float) -> Mesh:
+    """A sheet in two charts, side by side in the map with a gutter `gap` between them; the right
+    one is elsewhere in space."""
+    left = sheet(n=12)
+    faces = np.concatenate([left.faces, left.faces + len(left.positions)])
+    uv = (left.uv - left.uv.min(axis=0)) / np.ptp(left.uv) * np.float32(0.5 - 0.5 * gap)
+    moved = left.positions + np.array([0.0, 0.0, 3.0], np.float32)
+    shifted = uv + np.array([0.5 + 0.5 * gap, 0.0], np.float32)
+    positions, both = np.concatenate([left.positions, moved]), np.concatenate([uv, shifted])
+    return Mesh(positions, faces, both, faces)
+
+
+def over_other_charts(mesh: Mesh, events: Events) -> NDArray[np.bool_]:
+    """Whether a rim, in the map, goes over the middle between the charts and the gutter beside."""
+    gap = 2.0 * (mesh.uv[mesh.uv[:, 0] > 0.5, 0].min() - 0.5)
+    uu, uv, vv = events.metric.astype(np.float64).T
+    half = np.sqrt(vv / (uu * vv - uv**2))  # of the width of the ellipse
+    beyond = np.abs(events.points.uv[:, 0] - 0.5) - 0.5 * gap
+    found: NDArray[np.bool_] = half > beyond + gap
+    return found
+
+
+def test_no_event_reaches_over_a_gutter_into_another_chart() -> None:
+    settings = replace(SETTINGS, events=20.0)
+    free, _ = placed(apart(0.2), settings)
+    assert not over_other_charts(apart(0.2), free).any()
+    near, _ = placed(apart(0.002), settings)
+    assert 0.9 * len(free) < len(near) < len(free)
+    assert not over_other_charts(apart(0.002), near).any()
+
+
+def test_an_event_at_a_seam_of_charts_that_lie_together_stays() -> None:
+    """Where the other chart is skin around it, what it covers there is its own."""
+    mesh = sheet(n=12)
+    corner = mesh.faces.reshape(-1)
+    soup = np.arange(len(corner), dtype=np.int32).reshape(-1, 3)
+    split = Mesh(mesh.positions[corner], soup, mesh.uv[corner], soup)
+    (whole, at), (parts, there) = placed(mesh), placed(split)
+    assert rows(parts, there) == rows(whole, at)

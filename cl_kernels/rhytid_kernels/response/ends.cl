@@ -17,8 +17,7 @@ inline float at_end(__global const float *r, int i, int partner, float share)
 }
 
 // A work-item takes LANES wrinkles. partners: of each at its start and at its end, or NULL.
-// share: of the way to the mean, 0 to 1. sizes: half widths, then weights at both ends;
-// shares: likewise.
+// share: of the way to the mean, 0 to 1. sizes: half widths, then weights at both ends; shares: likewise.
 // scales: (sigma_w at the start, at the end, sigma_d likewise).
 __kernel void respond_ends(__global const float *r, __global const int2 *partners, int count,
                            float share, float width_exponent, float depth_exponent,

@@ -22,63 +22,87 @@ __kernel void place_normals(__global const float *positions, __global const int 
     normals[w] = size > 0.0f ? (float4)(sum / size, 0.0f) : (float4)(0.0f);
 }
 
-// One round of smoothing is gathered and then spread: means over triangles, then over corners.
+// The first round of smoothing: of the moments of triangles, means over those of each place.
 __kernel void gathered(__global const int *offsets, __global const int *members,
-                       __global const float *shares, __global const float4 *of_triangles,
-                       __global float4 *of_places)
+                       __global const float *shares, __global const float2 *of_triangles,
+                       __global float2 *of_places)
 {
     int w = get_global_id(0);
-    float4 sum = (float4)(0.0f);
+    float2 sum = (float2)(0.0f);
     for (int k = offsets[w]; k < offsets[w + 1]; k++)
         sum += shares[k] * of_triangles[members[k]];
     of_places[w] = sum;
 }
 
-inline float4 mean_of(int t, __global const int *places, __global const float4 *values)
+// A further round: means over triangles of the means of their corners. A third is that of the place
+// itself, the rest of places beside it, which share the triangles.
+__kernel void smoothed(__global const int *offsets, __global const int *beside,
+                       __global const float *shares, __global const float2 *values,
+                       __global float2 *found)
 {
-    return (values[places[3 * t]] + values[places[3 * t + 1]] + values[places[3 * t + 2]]) / 3.0f;
+    int w = get_global_id(0);
+    float2 sum = values[w] / 3.0f;
+    for (int k = offsets[w]; k < offsets[w + 1]; k++)
+        sum += shares[k] * values[beside[k]];
+    found[w] = sum;
 }
 
-__kernel void spread(__global const int *places, __global const float4 *of_places,
-                     __global float4 *of_triangles)
+// The same of normals.
+__kernel void smoothed_normals(__global const int *offsets, __global const int *beside,
+                               __global const float *shares, __global const float4 *values,
+                               __global float4 *found)
 {
-    int t = get_global_id(0);
-    of_triangles[t] = mean_of(t, places, of_places);
+    int w = get_global_id(0);
+    float4 sum = values[w] / 3.0f;
+    for (int k = offsets[w]; k < offsets[w + 1]; k++)
+        sum += shares[k] * values[beside[k]];
+    found[w] = sum;
 }
 
 typedef struct {
-    float3 metric, form; // xx, xy, yy
-} surface_t;
+    float3 x, y; // tangents
+} axes_t;
 
-// Both fundamental forms of a deformed triangle, along the axes of its neutral frame, whose x runs
-// along its first edge; the second in units of 1 over `size`, the length of a fold. rest: as of
-// stretch_tensor.
-inline surface_t surface_of(int t, __global const float *positions, __global const int *faces,
-                            __global const int *places, float8 rest,
-                            __global const float4 *normals, float size)
+// What differences one and two along both edges come to along the axes of the neutral frame, whose x
+// runs along the first edge; in units of `size`, the length of a fold. rest: as of stretch_tensor.
+inline axes_t axes_of(float3 one, float3 two, float8 rest, float size)
 {
-    float3 p = vload3(faces[3 * t], positions), n = normals[places[3 * t]].xyz;
     float x1 = rest.s0 * size, y2 = rest.s4 * size, y1 = -rest.s2 * y2;
-    float3 e1 = (vload3(faces[3 * t + 1], positions) - p) / size;
-    float3 e2 = (vload3(faces[3 * t + 2], positions) - p) / size;
-    float3 m1 = normals[places[3 * t + 1]].xyz - n, m2 = normals[places[3 * t + 2]].xyz - n;
-    float3 x = x1 * e1, y = y1 * e1 + y2 * e2, nx = x1 * m1, ny = y1 * m1 + y2 * m2;
-    surface_t s;
-    s.metric = (float3)(dot(x, x), dot(x, y), dot(y, y));
-    s.form = (float3)(dot(nx, x), 0.5f * (dot(nx, y) + dot(ny, x)), dot(ny, y));
-    return s;
+    axes_t a = {x1 * one, y1 * one + y2 * two};
+    return a;
 }
 
-// forms: xx, xy and yy of the second form of the neutral, 0 for triangles without usable area.
+// The axes of a deformed triangle: their products are the first fundamental form.
+inline axes_t tangents(int t, __global const float *positions, __global const int *faces,
+                       float8 rest, float size)
+{
+    float3 p = vload3(faces[3 * t], positions);
+    float3 one = vload3(faces[3 * t + 1], positions) - p;
+    float3 two = vload3(faces[3 * t + 2], positions) - p;
+    return axes_of(one / size, two / size, rest, size);
+}
+
+// xx, xy and yy of the second form, in units of 1 over `size`.
+inline float3 second_form(int t, axes_t a, __global const int *places, float8 rest,
+                          __global const float4 *normals, float size)
+{
+    float3 n = normals[places[3 * t]].xyz;
+    axes_t m = axes_of(normals[places[3 * t + 1]].xyz - n, normals[places[3 * t + 2]].xyz - n, rest,
+                       size);
+    return (float3)(dot(m.x, a.x), 0.5f * (dot(m.x, a.y) + dot(m.y, a.x)), dot(m.y, a.y));
+}
+
+// forms: the second form of the neutral, 0 for triangles without usable area.
 __kernel void neutral_forms(__global const float *positions, __global const int *faces,
                             __global const int *places, __global const float8 *rest,
                             __global const float4 *normals, float size, __global float4 *forms)
 {
     int t = get_global_id(0);
-    float3 form = (float3)(0.0f);
-    if (rest[t].s0 != 0.0f)
-        form = surface_of(t, positions, faces, places, rest[t], normals, size).form;
-    forms[t] = (float4)(form, 0.0f);
+    forms[t] = (float4)(0.0f);
+    if (rest[t].s0 == 0.0f)
+        return;
+    axes_t a = tangents(t, positions, faces, rest[t], size);
+    forms[t] = (float4)(second_form(t, a, places, rest[t], normals, size), 0.0f);
 }
 
 // A form xx, xy, yy along both axes of stretch; turn: cosine and sine of twice the first one's angle.
@@ -89,43 +113,51 @@ inline float2 along(float3 form, float2 turn)
     return (float2)(mean + part, mean - part);
 }
 
+// Log compression, 0 to 1, of a squared ratio. A logarithm costs as much as all else of a triangle.
+inline float compression(float square)
+{
+    return square < 1.0f ? fmin(-0.5f * log(square), 1.0f) : 0.0f;
+}
+
 // moments: b and b^2 of each triangle. b = sum c_i (k'_i - k_i), with c the log compression along the
 // axes of stretch, at most 1, and k the curvatures along them before and after, times `size` and
-// within +-most. Where both axes are compressed alike b hangs on no axis.
+// within +-most; 0 where neither axis is compressed. Where both are alike b hangs on no axis.
 // Error below 1e-4 (1 + |b|) where no angle of the neutral is below 5 degrees.
 __kernel void bends(__global const float *positions, __global const int *faces,
                     __global const int *places, __global const float8 *rest,
                     __global const float4 *normals, __global const float4 *forms, float size,
-                    float most, __global float4 *moments)
+                    float most, __global float2 *moments)
 {
     int t = get_global_id(0);
-    float b = 0.0f;
-    if (rest[t].s0 != 0.0f) {
-        surface_t s = surface_of(t, positions, faces, places, rest[t], normals, size);
-        float3 g = s.metric;
-        float mean = 0.5f * (g.x + g.z), apart = 0.5f * (g.x - g.z);
-        float radius = sqrt(apart * apart + g.y * g.y);
-        float2 turn = radius > 0.0f ? (float2)(apart, g.y) / radius : (float2)(0.0f);
-        float first = mean + radius;
-        float second = first > 0.0f ? (g.x * g.z - g.y * g.y) / first : 0.0f;
-        float2 square = fmax((float2)(first, second), LEAST_SQUARE);
-        float2 pressed = fmin(fmax(-0.5f * log(square), 0.0f), 1.0f);
-        float2 bent = along(s.form, turn) / square - along(forms[t].xyz, turn);
-        bent = fmin(fmax(bent, -most), most);
-        b = dot(pressed, bent);
-    }
-    moments[t] = (float4)(b, b * b, 0.0f, 0.0f);
+    moments[t] = (float2)(0.0f);
+    if (rest[t].s0 == 0.0f)
+        return;
+    axes_t a = tangents(t, positions, faces, rest[t], size);
+    float3 g = (float3)(dot(a.x, a.x), dot(a.x, a.y), dot(a.y, a.y));
+    float mean = 0.5f * (g.x + g.z), apart = 0.5f * (g.x - g.z);
+    float radius = sqrt(apart * apart + g.y * g.y);
+    float first = mean + radius;
+    float second = first > 0.0f ? (g.x * g.z - g.y * g.y) / first : 0.0f;
+    if (second >= 1.0f) // the other is no less
+        return;
+    float2 turn = radius > 0.0f ? (float2)(apart, g.y) / radius : (float2)(0.0f);
+    float2 square = fmax((float2)(first, second), LEAST_SQUARE);
+    float2 pressed = (float2)(compression(square.x), compression(square.y));
+    float3 form = second_form(t, a, places, rest[t], normals, size);
+    float2 bent = along(form, turn) / square - along(forms[t].xyz, turn);
+    float b = dot(pressed, fmin(fmax(bent, -most), most));
+    moments[t] = (float2)(b, b * b);
 }
 
 // The share of a compression that folds take: m T^2 / (1 + T^2), T the variance of b.
-inline float share_of(float4 moments, float most)
+inline float share_of(float2 moments, float most)
 {
     float variance = fmax(moments.y - moments.x * moments.x, 0.0f), square = variance * variance;
     return most * (square < 1e30f ? square / (1.0f + square) : 1.0f);
 }
 
 // taken: of each triangle, the mean of its places, and 0 for points in none. logs: in place.
-__kernel void take_shares(__global const int *places, __global const float4 *moments, int triangles,
+__kernel void take_shares(__global const int *places, __global const float2 *moments, int triangles,
                           float most, __global float2 *logs, __global float *taken)
 {
     int t = get_global_id(0);
@@ -140,7 +172,7 @@ __kernel void take_shares(__global const int *places, __global const float4 *mom
 }
 
 // The same for the tension of vertices, a ratio, in place. place: of each vertex.
-__kernel void take_tension(__global const int *place, __global const float4 *moments, float most,
+__kernel void take_tension(__global const int *place, __global const float2 *moments, float most,
                            __global float *tension)
 {
     int v = get_global_id(0);

@@ -137,9 +137,10 @@ ASSET_FORM = body(
                     "graph": {
                         **BINARY,
                         "description": "safetensors; absent = synthesise. Its metadata may hold "
-                        "unit, spacing, depth, sigma, wave_frequency, grain_size, undulation_size "
-                        "(lengths in that unit, converted to settings.unit), seed (of the relief "
-                        "between the lines; explicit settings override all of these) and mesh, a "
+                        "unit, spacing, depth, sigma, wave_frequency, grain_size, undulation_size, "
+                        "patch_size (lengths in that unit, converted to settings.unit), seed (of "
+                        "the relief between the lines; explicit settings override all of these) "
+                        "and mesh, a "
                         "digest of the triangles and UV: a graph of another mesh is refused",
                     },
                     "force": {

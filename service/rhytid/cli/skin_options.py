@@ -23,7 +23,10 @@ if TYPE_CHECKING:
 
 # Settings of `graph` of which each determines the other.
 _DENSITY = ("spacing", "wrinkles")
-_SETTINGS = ("age", "density", "strength", "turn", "anisotropy", "scale", "pore_radius", "events")
+_SETTINGS = (
+    *("age", "density", "strength", "turn", "anisotropy", "scale", "pore_radius"),
+    *("rank", "patches", "events"),
+)
 _MASKED = [name.removeprefix(REGION_PREFIX) for name in REGION_MAPS]
 # Of these options one that is given beside a graph would have no effect.
 _GROWING = ("lines", "shapes", "region", "set", "map", "region_mask")

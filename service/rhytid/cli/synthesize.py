@@ -108,7 +108,8 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
         made = grow(settings, progress=clock)
     drawn = AssetSettings(unit=unit, graph=settings).with_lengths(made.lengths)
     warnings.lengths(drawn, made.distance)
-    origin = GraphOrigin.of(mesh, unit, drawn.lengths(made.spacing), settings.start)
+    lengths = drawn.lengths(made.spacing)
+    origin = GraphOrigin.of(mesh, unit, lengths, settings.start, made.graph.origin)
     graph = replace(made.graph, origin=origin)
     whole_file(out, [write_graph(graph)])
     facts = {"file": str(out), "seconds": seconds, "warnings": warnings.figures()}

@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from rhytid.domain.skin import REGIONS, WHOLE_FACE, wear
 
 # Depths of a wrinkle of strength 1 in the height of an event of weight 1.
@@ -127,6 +129,11 @@ EVENTS: dict[str, Event] = {
         },
     ),
 }  # fmt: skip
-EVENT_NAMES = tuple(EVENTS)
+EVENT_NAMES, KINDS = tuple(EVENTS), tuple(EVENTS.values())
 # What `node_kind` is at most.
 MOST_KIND = len(EVENTS)
+# By `node_kind`; a pore, which is none, has 0 throughout. FORMS: plateau and rim.
+FORMS = np.array([(0.0, 0.0), *((float(e.plateau), e.rim) for e in KINDS)], np.float32)
+ANSWERS = np.array([0.0, *(event.response for event in KINDS)], np.float32)
+SIGNS = np.array([0.0, *(np.sign(event.steepness[0]) for event in KINDS)], np.float32)
+FADING = np.array([0.0, *(event.fading for event in KINDS)])

@@ -301,7 +301,8 @@ class GraphOrigin:
     say.
 
     seed: of the relief between the lines, `graph.seed`.  mesh: `mesh_digest` of the mesh that the
-    graph was made for.
+    graph was made for.  patch_size: the longest wave of its patches, where `unit` has no known
+    length from which it follows.
     """
 
     unit: str | None = None
@@ -313,11 +314,21 @@ class GraphOrigin:
     undulation_size: float | None = None
     seed: int | None = None
     mesh: str | None = None
+    patch_size: float | None = None
 
     @classmethod
-    def of(cls, mesh: Mesh, unit: str, lengths: Lengths, seed: int | None = None) -> GraphOrigin:
-        """The origin of a graph that is made for this mesh, in its unit."""
-        return cls(unit, **asdict(lengths), seed=seed, mesh=mesh_digest(mesh))
+    def of(
+        cls,
+        mesh: Mesh,
+        unit: str,
+        lengths: Lengths,
+        seed: int | None = None,
+        before: GraphOrigin | None = None,
+    ) -> GraphOrigin:
+        """The origin of a graph that is made for this mesh, in its unit.  before: what the graph
+        says, of which patches stay."""
+        size = None if before is None else before.patch_size_in(unit)
+        return cls(unit, **asdict(lengths), seed=seed, mesh=mesh_digest(mesh), patch_size=size)
 
     @classmethod
     def parse(cls, metadata: Mapping[str, str]) -> GraphOrigin | None:
@@ -362,10 +373,14 @@ class GraphOrigin:
                 "them is no known unit of length, so that depth and spacing cannot be converted"
             )
         factor = one / other
-        names = ("spacing", "depth", "sigma", "grain_size", "undulation_size")
+        names = ("spacing", "depth", "sigma", "grain_size", "undulation_size", "patch_size")
         changed: dict[str, Any] = {n: _times(getattr(self, n), factor) for n in names}
         changed["wave_frequency"] = _times(self.wave_frequency, 1.0 / factor)
         return replace(self, unit=unit, **changed)
+
+    def patch_size_in(self, unit: str) -> float | None:
+        """The longest wave of patches, where this is the unit that it was said in."""
+        return self.patch_size if self.unit == unit else None
 
     def check_mesh(self, mesh: Mesh) -> None:
         """Raise GraphError where the graph was made for a mesh of other triangles or UV."""

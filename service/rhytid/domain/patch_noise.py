@@ -28,12 +28,14 @@ STRENGTH_SALT, GRAIN_SALT = 11, 14
 CELLS, CELLS_OF_WAVE, _BOUND = 64, 16.0, 1.6
 
 
-def cell_size(settings: AssetSettings) -> float:
-    """The side of a cell in mesh units, of resolved settings: by the unit, else as the waves of the
-    undulation, which follow from the spacing of pores."""
+def cell_size(settings: AssetSettings, wave: float | None = None) -> float:
+    """The side of a cell in mesh units, of resolved settings: by the unit, else by the longest wave
+    of the lines, as their graph says it; of one that does not, as the waves of the undulation."""
     length, undulation = millimetres(settings.length_unit), settings.shape.undulation_size
     if length is not None:
         return LONGEST.millimetres / length / CELLS_OF_WAVE
+    if wave is not None:
+        return wave / CELLS_OF_WAVE
     assert undulation is not None
     return LONGEST.of_spacing / UNDULATION.of_spacing * undulation / CELLS_OF_WAVE
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rhytid.device.buffer import Buffer
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.events import EVENT_DEPTHS, EVENTS
+from rhytid.domain.events import ANSWERS, EVENT_DEPTHS, FORMS, SIGNS
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.tiles import udim_origin
 from rhytid.pipeline.cells import CellLists, Lists
@@ -25,12 +25,6 @@ from rhytid.pipeline.reach import (
     pore_roots,
     widest,
 )
-
-_KINDS = tuple(EVENTS.values())
-# By `node_kind`; a pore, which is none, has 0 throughout.
-_FORMS = np.array([(0.0, 0.0), *((float(e.plateau), e.rim) for e in _KINDS)], np.float32)
-_ANSWERS = np.array([0.0, *(event.response for event in _KINDS)], np.float32)
-_SIGNS = np.array([0.0, *(np.sign(event.steepness[0]) for event in _KINDS)], np.float32)
 
 
 @dataclass(frozen=True)
@@ -75,13 +69,13 @@ def event_arrays(
         return None
     limit_cover(low[chosen], high[chosen], settings.resolution, "events", udim)
     size, kind = np.float32(settings.resolution), graph.node_kind
-    height = EVENT_DEPTHS * _SIGNS[kind[chosen]] * graph.node_weight[chosen]
-    answer = _ANSWERS[kind] if stiffness is None else _ANSWERS[kind] * stiffness
+    height = EVENT_DEPTHS * SIGNS[kind[chosen]] * graph.node_weight[chosen]
+    answer = ANSWERS[kind] if stiffness is None else ANSWERS[kind] * stiffness
     in_texels = root[chosen] / float(settings.resolution)
     return EventArrays(
         centres[chosen] * size,
         np.concatenate([in_texels, height[:, None]], axis=1).astype(np.float32),
-        _FORMS[kind[chosen]],
+        FORMS[kind[chosen]],
         triangle[chosen],
         answer[chosen],
         list_by_block(low[chosen], high[chosen], settings.resolution),
@@ -97,7 +91,7 @@ def around_events(
     """Corners (N, 2) and (N, 2) of the boxes around the nodes of a graph, at centres (N, 2), as far
     as events reach at any stretch."""
     response = settings.response
-    scales = [widest(response.beta_w * a, response.log_stretch_limit) for a in _ANSWERS.tolist()]
+    scales = [widest(response.beta_w * a, response.log_stretch_limit) for a in ANSWERS.tolist()]
     scale = np.array(scales)[graph.node_kind][:, None]
     return around_pores(centres, pore_roots(graph), settings, scale)
 

@@ -30,9 +30,11 @@ edges long. Finer meshes are smoothed to see no more, as far as `_MOST_ROUNDS` r
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from rhytid.device.buffer import Buffer
 from rhytid.device.runtime import Device
@@ -112,6 +114,40 @@ class Places:
         )
 
 
+@dataclass(frozen=True)
+class Beside:
+    """How places of a mesh are smoothed in one round.
+
+    offsets (W + 1,), places, shares: those beside each place, and what they have of its mean; a
+    third is that of the place itself.
+    """
+
+    offsets: NDArray[np.int32]
+    places: NDArray[np.int32]
+    shares: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, places: Places) -> Beside:
+        """Means over the triangles of each place, of the means of their corners."""
+        corners, count = places.corners, len(places.offsets) - 1
+        around = csr_array(
+            (places.shares.astype(np.float64), places.members, places.offsets),
+            shape=(count, len(corners)),
+        )
+        thirds, ends = np.full(corners.size, 1.0 / 3.0), 3 * np.arange(len(corners) + 1)
+        means = csr_array((thirds, corners.reshape(-1), ends), shape=(len(corners), count))
+        found = around @ means
+        found.sort_indices()
+        own = np.repeat(np.arange(count), np.diff(found.indptr))
+        others = found.indices != own
+        number = np.bincount(own[others], minlength=count)
+        return cls(
+            np.concatenate([[0], np.cumsum(number)]).astype(np.int32),
+            found.indices[others].astype(np.int32),
+            found.data[others].astype(np.float32),
+        )
+
+
 class Folding:
     """The folds of a mesh, ready to be measured in any frame.
 
@@ -129,8 +165,11 @@ class Folding:
             device.upload(places.of_vertex),
             device.upload(places.corners),
         )
-        self._offsets, self._members = device.upload(places.offsets), device.upload(places.members)
-        self._shares = device.upload(places.shares)
+        self._around = _uploaded(device, places.offsets, places.members, places.shares)
+        self._beside: tuple[Buffer, ...] = ()
+        if self._rule.rounds > 1 or self._rule.normal_rounds:
+            beside = Beside.of(places)
+            self._beside = _uploaded(device, beside.offsets, beside.places, beside.shares)
         self._forms = self._neutral_forms(mesh)
 
     def take(self, frame: Buffer, amount: float, logs: Buffer, tension: Buffer | None) -> Buffer:
@@ -139,7 +178,7 @@ class Folding:
 
         frame: positions (V, 3).  amount: 0 to 1, factor of the share.
         """
-        moments = self._smoothed(self._bends(frame), self._rule.rounds)
+        moments = self._moments(frame)
         most = np.float32(amount * self._rule.most)
         taken = self._device.empty(self._triangles + 1, np.float32)
         self._launch(
@@ -153,13 +192,13 @@ class Folding:
 
     def release(self) -> None:
         """Give the memory back."""
-        owned = (self._of_vertex, self._corners, self._offsets, self._members, self._shares)
-        for buffer in (*owned, self._forms):
+        owned = (self._of_vertex, self._corners, self._forms)
+        for buffer in (*owned, *self._around, *self._beside):
             buffer.release()
 
     def _neutral_forms(self, mesh: Mesh) -> Buffer:
         frame = self._device.upload(mesh.positions)
-        normals, forms = self._normals(frame), self._floats(self._triangles)
+        normals, forms = self._normals(frame), self._floats(4 * self._triangles)
         self._launch(
             "neutral_forms", self._triangles,
             *self._surface(frame, normals), np.float32(self._rule.length), forms,
@@ -169,9 +208,16 @@ class Folding:
         normals.release()
         return forms
 
+    def _moments(self, frame: Buffer) -> Buffer:
+        """The means of b and b² of each place; the caller's."""
+        bends, found = self._bends(frame), self._floats(2 * self._count)
+        self._launch("gathered", self._count, *self._around, bends, found)
+        bends.release()
+        return self._smoothed("smoothed", found, 2, self._rule.rounds - 1)
+
     def _bends(self, frame: Buffer) -> Buffer:
-        """The moments of each triangle; the caller's."""
-        normals, moments = self._normals(frame), self._floats(self._triangles)
+        """b and b² of each triangle; the caller's."""
+        normals, moments = self._normals(frame), self._floats(2 * self._triangles)
         self._launch(
             "bends", self._triangles, *self._surface(frame, normals), self._forms,
             np.float32(self._rule.length), np.float32(self._rule.most_bend), moments,
@@ -183,38 +229,31 @@ class Folding:
         return frame, self._faces, self._corners, self._rest, normals
 
     def _normals(self, frame: Buffer) -> Buffer:
-        normals = self._floats(self._count)
+        normals, (offsets, members, _) = self._floats(4 * self._count), self._around
         self._launch(
-            "place_normals", self._count, frame, self._faces, self._offsets, self._members,
+            "place_normals", self._count, frame, self._faces, offsets, members,
             np.float32(1.0 / self._rule.length), normals,
         )  # fmt: skip
-        if not self._rule.normal_rounds:
-            return normals
-        return self._smoothed(self._spread(normals), self._rule.normal_rounds)
+        return self._smoothed("smoothed_normals", normals, 4, self._rule.normal_rounds)
 
-    def _smoothed(self, triangles: Buffer, count: int) -> Buffer:
-        """Values of the places, gathered from those of the triangles `count` times; takes these."""
-        for left in reversed(range(count)):
-            found = self._floats(self._count)
-            around = (self._offsets, self._members, self._shares)
-            self._launch("gathered", self._count, *around, triangles, found)
-            triangles.release()
-            if left:
-                triangles = self._spread(found)
-        return found
-
-    def _spread(self, places: Buffer) -> Buffer:
-        """Values of the triangles; takes those of the places."""
-        found = self._floats(self._triangles)
-        self._launch("spread", self._triangles, self._corners, places, found)
-        places.release()
-        return found
+    def _smoothed(self, kernel: str, values: Buffer, width: int, rounds: int) -> Buffer:
+        """Values of the places after so many further rounds; takes these."""
+        for _ in range(rounds):
+            found = self._floats(width * self._count)
+            self._launch(kernel, self._count, *self._beside, values, found)
+            values.release()
+            values = found
+        return values
 
     def _floats(self, count: int) -> Buffer:
-        return self._device.empty(4 * count, np.float32)
+        return self._device.empty(count, np.float32)
 
     def _launch(self, kernel: str, size: int, *arguments: object) -> None:
         self._device.launch("folding", kernel, (size,), *arguments)
+
+
+def _uploaded(device: Device, *arrays: NDArray[Any]) -> tuple[Buffer, ...]:
+    return tuple(device.upload(array) for array in arrays)
 
 
 def _millimetre(mesh: Mesh, unit: str) -> float:

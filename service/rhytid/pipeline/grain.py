@@ -77,7 +77,7 @@ class GrainPlanes(BufferGroup):
 
     settings: resolved.  shares: the result of `relief_shares`; None: even skin.
     middle: (3,) of the mesh, where the noise begins.  cell: of the noise, mesh units.  table: the
-    noise of patches, None on even skin.
+    noise of patches, None on even skin.  wave: the longest of patches, where the graph says it.
     """
 
     def __init__(
@@ -86,8 +86,10 @@ class GrainPlanes(BufferGroup):
         mesh: Mesh,
         settings: AssetSettings,
         shares: NDArray[np.float32] | None = None,
+        wave: float | None = None,
     ) -> None:
         assert settings.shape.grain_size is not None
+        self._wave = wave
         self.middle, self.cell = _middle(mesh), settings.shape.grain_size / CELLS
         planes = _planes(mesh, self.middle, self.cell)
         if shares is None:
@@ -102,7 +104,7 @@ class GrainPlanes(BufferGroup):
     def patches(self, settings: AssetSettings) -> NDArray[np.float32]:
         """(2, 3, 4) where in the table of patches places of the planes are, of the grain and of the
         undulation: rows as of `placement`."""
-        cell = cell_size(settings)
+        cell = cell_size(settings, self._wave)
         seed = settings.graph.start
         found = np.array([placement(seed, salt) for salt in (GRAIN_SALT, STRENGTH_SALT)])
         found[..., 3] += found[..., :3] @ (self.middle / cell)

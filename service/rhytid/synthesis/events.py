@@ -9,13 +9,14 @@ kinds come first, and keep others at a distance.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from rhytid.domain.asset_settings import GraphSettings
-from rhytid.domain.events import EVENT_DEPTHS, EVENTS
+from rhytid.domain.events import EVENT_DEPTHS, EVENTS, FADING, KINDS
 from rhytid.domain.graph import ORIGINAL
 from rhytid.domain.lengths import DEPTH_OF_SPACING
 from rhytid.domain.skin import depth_factor
@@ -23,19 +24,30 @@ from rhytid.support import cancellation
 from rhytid.synthesis.fields import Fields, SmoothNoise, level_directions
 from rhytid.synthesis.hashes import Words, random4, unit_interval
 from rhytid.synthesis.leaders import unit_length
+from rhytid.synthesis.progress import row_blocks
 from rhytid.synthesis.seams.copies import Arrays
 from rhytid.synthesis.shapes import pore_ellipses
-from rhytid.synthesis.surface import UDIM_COLUMNS, FloatArray, IntArray, Points, Surface, unit
+from rhytid.synthesis.surface import (
+    UDIM_COLUMNS,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Points,
+    Surface,
+    cross,
+    unit,
+)
 
 # Side of the cells in which corners of triangles are counted, millimetres; where in its cell the
 # origin lies, so that corners of meshes made by rule lie at no border.
 _CELL, _BETWEEN = 0.1, 0.381966
 _LEAST_WEIGHT = 1e-6
+# What lies farther from an event than this many times its reach is no skin around it.
+_AROUND = 2.0
 # Two events are at least so many times the sum of their radii apart.
 _APART = 0.8
 # Which kinds are placed first.
 _FIRST = ("mole", "scar", "papule", "milium", "bump", "wide_pore")
-_KINDS = tuple(EVENTS.values())
 # Of kinds that come in groups: how far their numbers to an area differ, a deviation of their
 # logarithm; and the most of the factor.
 _GROUPED, _DENSEST = 1.1, 6.0
@@ -78,6 +90,13 @@ class Events:
     def __len__(self) -> int:
         return len(self.kind)
 
+    def take(self, index: BoolArray) -> Events:
+        """The events of a mask."""
+        return Events(
+            self.points.take(index), self.kind[index], self.weight[index], self.radius[index],
+            self.metric[index], self.circle[index],
+        )  # fmt: skip
+
     def added_to(self, arrays: Arrays) -> Arrays:
         """The arrays of a graph with the events after its nodes; none of these is a copy yet, but
         for ends of wrinkles."""
@@ -101,7 +120,7 @@ class Events:
     ) -> Singles:
         """(N,) factors of the weights of what lies at uv (N, 2): below 1 over events whose kind
         lines fade over."""
-        most = np.array([0.0, *(event.fading for event in _KINDS)])[self.kind]
+        most = FADING[self.kind]
         over = np.flatnonzero(most > 0)
         factor = np.ones(len(triangle), np.float32)
         if not len(over):
@@ -134,7 +153,7 @@ def events_of(
     even = spacing * settings.density**0.5
     millimetre = unit_length(unit, even * surface.scale) / surface.scale
     throw = _Throw(surface, fields, settings, millimetre)
-    found = [throw.darts(kind) for kind in range(1, len(_KINDS) + 1)]
+    found = [throw.darts(kind) for kind in range(1, len(KINDS) + 1)]
     kind = np.repeat(np.arange(1, len(found) + 1), [len(d.key) for d in found]).astype(np.int32)
     if not len(kind):
         return None
@@ -156,7 +175,7 @@ class _Throw:
     def darts(self, kind: int) -> Darts:
         """The darts of a kind that count."""
         cancellation.check()
-        event, settings, fields = _KINDS[kind - 1], self._settings, self._fields
+        event, settings, fields = KINDS[kind - 1], self._settings, self._fields
         rates = {r: settings.events * v for r, v in event.rates_at(settings.age).items()}
         most = max(rates.values()) * fields.most_events * (_DENSEST if event.groups else 1.0)
         darts = self._below(most, kind)
@@ -202,10 +221,11 @@ class _Throw:
         height = radius / self._millimetre * _between(kind, "steepness", sizes[:, 1])
         weight = height / (EVENT_DEPTHS * depth) * fields.event_strength(points.triangle, points.uv)
         weight = np.clip(weight, _LEAST_WEIGHT, 1.0)
-        longer = 1.0 + (_of_kinds(kind, [e.longer for e in _KINDS]) - 1.0) * sizes[:, 2] ** 2
+        longer = 1.0 + (_of_kinds(kind, [e.longer for e in KINDS]) - 1.0) * sizes[:, 2] ** 2
         angle = _angles(surface, points, np.pi * sizes[:, 3])
         metric, circle = pore_ellipses(surface, points.triangle, radius, angle, longer)
-        return Events(points, kind, weight.astype(np.float32), radius, metric, circle)
+        found = Events(points, kind, weight.astype(np.float32), radius, metric, circle)
+        return found.take(_over_own_skin(surface, found, radius * np.sqrt(longer)))
 
 
 def _placed_corners(surface: Surface, millimetre: float) -> tuple[Words, IntArray]:
@@ -283,6 +303,60 @@ def _kept(darts: Darts, kind: NDArray[np.int32], radius: FloatArray) -> IntArray
     return np.flatnonzero(kept)
 
 
+def _over_own_skin(surface: Surface, events: Events, reach: FloatArray) -> BoolArray:
+    """(E,) whether all that lies below an event in the UV map is skin around it. At the border of
+    a chart it is drawn on, over the gutter, and would cover what other skin lies there.
+
+    reach (E,): half of its length on the surface.
+    """
+    corners, found = surface.corners, np.ones(len(events), np.bool_)
+    middle = corners.mean(axis=1)
+    extent = np.linalg.norm(corners - middle[:, None], axis=-1).max(axis=1)
+    for rows in row_blocks(len(events)):
+        within = _within_rims(events.metric[rows]) + events.points.uv[rows, None]
+        event, triangle = _near_in_map(surface.uv, events.points.uv[rows], within)
+        apart = np.linalg.norm(events.points.position[rows][event] - middle[triangle], axis=-1)
+        far = np.flatnonzero(apart > _AROUND * reach[rows][event] + extent[triangle])
+        event, triangle = event[far], triangle[far]
+        at = within[event].reshape(-1, 2)
+        shares = surface.barycentric(np.repeat(triangle, within.shape[1]), at)
+        covers = (shares > 0.0).all(axis=-1).reshape(-1, within.shape[1]).any(axis=1)
+        found[rows.start + event[covers]] = False
+    return found
+
+
+def _within_rims(metric: Singles) -> FloatArray:
+    """(E, R, 2) UV steps from the centres of ellipses to places within and on their rims."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+    way = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    uu, uv, vv = metric.astype(np.float64).T[..., None]
+    size = np.sqrt(uu * way[:, 0] ** 2 + 2.0 * uv * way[:, 0] * way[:, 1] + vv * way[:, 1] ** 2)
+    rim = way / size[..., None]
+    return np.concatenate([rim, 0.5 * rim], axis=1)
+
+
+def _near_in_map(
+    corners: FloatArray, centre: Singles, within: FloatArray
+) -> tuple[IntArray, IntArray]:
+    """Pairs of events and triangles that may share places in the UV map.
+
+    corners (F, 3, 2).  centre (E, 2), within (E, R, 2): places of the events.
+    """
+    middle = corners.mean(axis=1)
+    extent = np.linalg.norm(corners - middle[:, None], axis=-1).max(axis=1)
+    size = np.frexp(extent)[1]  # triangles that are about as large have a tree of their own
+    reach = np.linalg.norm(within - centre[:, None], axis=-1).max(axis=1)
+    events, triangles = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    sides = corners[:, 1:] - corners[:, :1]
+    flat = cross(sides[:, 0], sides[:, 1]) == 0.0
+    for one in np.unique(size[~flat]):
+        rows = np.flatnonzero((size == one) & ~flat)
+        near = cKDTree(middle[rows]).query_ball_point(centre, reach + extent[rows].max())
+        events.append(np.repeat(np.arange(len(near)), [len(found) for found in near]))
+        triangles.append(rows[np.fromiter(chain.from_iterable(near), np.int64)])
+    return np.concatenate(events), np.concatenate(triangles)
+
+
 def _angles(surface: Surface, points: Points, turn: FloatArray) -> FloatArray:
     """(E,) angles as `pore_axes` has them, of axes that lie `turn` (E,) to the left of the level
     direction on the surface."""
@@ -299,7 +373,7 @@ def _angles(surface: Surface, points: Points, turn: FloatArray) -> FloatArray:
 def _between(kind: NDArray[np.int32], name: str, share: FloatArray) -> FloatArray:
     """(E,) sizes between the least and the most of each kind, small ones more often than large
     ones."""
-    ends = np.sort(np.abs([getattr(event, name) for event in _KINDS]), axis=1)[kind - 1]
+    ends = np.sort(np.abs([getattr(event, name) for event in KINDS]), axis=1)[kind - 1]
     found: FloatArray = ends[:, 0] * (ends[:, 1] / ends[:, 0]) ** share
     return found
 

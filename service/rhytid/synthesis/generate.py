@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.expressions import Folds
-from rhytid.domain.graph import WrinkleGraph
-from rhytid.domain.lengths import Lengths
+from rhytid.domain.graph import GraphOrigin, WrinkleGraph
+from rhytid.domain.lengths import Lengths, millimetres
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Controls
 from rhytid.domain.skin import COARSE
@@ -121,6 +121,8 @@ def synthesize(
         distance = mean_spacing(work, skin.net.pores)[0] * surface.scale
         events = events_of(surface, fields, settings, skin.spacing, unit)
         graph = skin.drawn(ground, borders, cut, settings.start, part(report, 0.95, 1.0), events)
+    if patches is not None and unit is not None and millimetres(unit) is None:
+        graph = replace(graph, origin=GraphOrigin(unit, patch_size=patches.size))
     report(1.0, "shapes")
     lengths = Lengths.of(skin.spacing * surface.scale, settings.age)
     return Synthesis(graph, lengths, distance, surface.stretched)

@@ -52,11 +52,12 @@ class Patches:
     """The fields of a surface.
 
     surface: that the places are on.  seed: of the graph.  wave: the longest, in units of the
-    surface.  detail: UV length within which a field hardly changes.
+    surface.  size: the same in units of the mesh.  detail: UV length within which a field hardly
+    changes.
     """
 
     def __init__(self, surface: Surface, seed: int, wave: float) -> None:
-        self._seed = seed
+        self._seed, self.size = seed, wave * surface.scale
         self._planes = _planes(surface, wave / CELLS_OF_WAVE)
         length = float(np.sqrt(np.median(surface.density[surface.carries])))
         self.detail = wave / CELLS_OF_WAVE / length

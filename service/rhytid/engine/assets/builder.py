@@ -239,7 +239,10 @@ class AssetBuilder:
         if request.settings.graph.age == USUAL_AGE:
             return found.graph, found
         # Its depth is not that of the spacing alone: it is kept with the graph.
-        origin = GraphOrigin(request.settings.length_unit, depth=found.lengths.depth)
+        origin = replace(
+            found.graph.origin or GraphOrigin(),
+            unit=request.settings.length_unit, depth=found.lengths.depth,
+        )  # fmt: skip
         return replace(found.graph, origin=origin), found
 
     @contextmanager

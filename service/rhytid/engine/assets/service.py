@@ -188,8 +188,9 @@ class AssetService(Assets):
         stored = self._store.asset(asset)
         lengths = found.settings.lengths(found.lengths.spacing)
         settings = found.settings
-        origin = GraphOrigin.of(stored.mesh, settings.length_unit, lengths, settings.graph.start)
-        return replace(stored.graph, origin=origin)
+        unit, seed, graph = settings.length_unit, settings.graph.start, stored.graph
+        origin = GraphOrigin.of(stored.mesh, unit, lengths, seed, graph.origin)
+        return replace(graph, origin=origin)
 
     @override
     def mesh(self, asset: str) -> Mesh:

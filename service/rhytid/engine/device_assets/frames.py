@@ -112,6 +112,7 @@ class DeviceEvents:
 
     def __init__(self, base: DeviceMesh, frames: DeviceFrames) -> None:
         self._base, self._frames = base, frames
+        self._last: tuple[int, ...] | None = None
 
     def added(self, draw: Draw, frame: Frame, query: MapQuery, udim: int) -> Draw:
         """Draws as `draw` does, and adds the events of a frame."""
@@ -140,12 +141,20 @@ class DeviceEvents:
 
     def heights(self, udim: int, square: Square) -> NDArray[np.float32]:
         """(n, n) of the events of a square of level 0 in the neutral, mesh units."""
-        device, side = self._base.device, square[2]
-        out = device.full(side * side, np.float32(0.0))
-        self.add(out, NEUTRAL_FRAME, MapQuery("neutral"), udim, square)
-        found: NDArray[np.float32] = device.read(out, (side, side), np.float32)
-        out.release()
+        base, side, last = self._base, square[2], self._last
+        # Those of the last square are kept: both samples of its codes are asked for in turn.
+        self._last = (udim, *square)
+        if last is not None and last != self._last:
+            base.cache.discard("event heights", *last)
+        make = partial(self._in_neutral, udim, square)
+        out = base.cache.keep("event heights", *self._last, make=make)
+        found: NDArray[np.float32] = base.device.read(out, (side, side), np.float32)
         return found
+
+    def _in_neutral(self, udim: int, square: Square) -> Buffer:
+        out = self._base.device.full(square[2] ** 2, np.float32(0.0))
+        self.add(out, NEUTRAL_FRAME, MapQuery("neutral"), udim, square)
+        return out
 
     def _scales(self, frame: Frame, query: MapQuery, udim: int, events: EventElements) -> Buffer:
         base, model, sampling = self._base, query.stretch, query.sampling
@@ -210,7 +219,8 @@ class DeviceGrain:
 
     def _planes(self) -> GrainPlanes:
         base = self._base
-        make = partial(GrainPlanes, base.device, base.mesh, base.settings, base.relief_shares)
+        shares = base.relief_shares, base.patch_size
+        make = partial(GrainPlanes, base.device, base.mesh, base.settings, *shares)
         return base.cache.keep("planes", make=make)
 
     def _place(self, udim: int, row: int, column: int) -> GrainPlace:

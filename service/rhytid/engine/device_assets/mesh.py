@@ -78,6 +78,7 @@ class DeviceMesh:
         self._pore_stiffness: NDArray[np.float32] | None = None
         self._wrinkle_stiffness: NDArray[np.float32] | None = None
         self.relief_shares: NDArray[np.float32] | None = None
+        self.patch_size: float | None = None
         self.convolve = Convolve(device, mesh, stiffness)
         self.smooth_convolve = SmoothConvolve(device, mesh, self.smooth, stiffness)
         self.cache = DeviceCache(device.budget)
@@ -117,6 +118,8 @@ class DeviceMesh:
         self.pore_triangle = self._find(pores, graph.node_triangle)
         self._wrinkle_triangle = self._find(wrinkles, graph.edge_triangle)
         self.relief_shares = relief_shares(self.mesh, graph, self.pore_triangle)
+        if graph.origin is not None:
+            self.patch_size = graph.origin.patch_size_in(self.settings.length_unit)
         of = partial(stiffness_of_elements, self.stiffness, self.mesh)
         self._pore_stiffness = of(pores, self.pore_triangle)
         self._wrinkle_stiffness = of(wrinkles, self._wrinkle_triangle)

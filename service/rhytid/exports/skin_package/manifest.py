@@ -139,8 +139,8 @@ class Stretch(_Part):
 
 class Weights(_Part):
     """The target of the pass of weights.frag, RGBA32F: texel (t % width, layer * rows + t / width)
-    of triangle t. Layers are the bins, the pores and, where there is grain or are
-    events, how much of each shows."""
+    of triangle t. Layers are the bins, the pores and, where there is grain or are events, how much
+    of each shows."""
 
     width: int
     height: int
@@ -212,7 +212,12 @@ CONVENTIONS = {
     "log_stretch": "natural logarithm of deformed over neutral length, not clamped",
     "triangle": "index in the order of skin.glb; stretch.triangles where there is none",
 }
-LEFT_OUT = ["smooth sampling", "stiffness", "events that widen with stretch"]
+LEFT_OUT = [
+    "smooth sampling",
+    "stiffness",
+    "events that widen with stretch",
+    "folds of the mesh where a compute shader measures stretch",
+]
 
 
 def schema() -> dict[str, Any]:
