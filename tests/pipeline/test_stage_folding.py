@@ -50,10 +50,13 @@ def wanted(mesh, positions, unit):
 
 @pytest.mark.parametrize("unit", ["mm", "1.4mm", "1.5cm", "2cm", "furlong"])
 def test_the_share_is_that_of_double(device, unit):
-    mesh = sheet(seed=3)
+    # Taken for a face, a sheet of 60 columns has folds of some millimetres.
+    mesh = sheet(seed=3) if unit != "furlong" else sheet(n=60, seed=3)
     positions = pressed(mesh, 3)
+    if unit == "furlong":
+        positions[:, 2] += 0.03 * np.cos(20 * np.pi * mesh.positions[:, 0]).astype(np.float32)
     share = wanted(mesh, positions, unit)
-    assert share.max() > (0.1 if unit != "furlong" else 0.001)
+    assert share.max() > 0.1
     np.testing.assert_allclose(Folded(device, mesh, positions, unit=unit).taken, share, atol=2e-4)
 
 
@@ -164,7 +167,7 @@ def inner(mesh):
     return ((middle[:, :2] > low[:2] + 12) & (middle[:, :2] < high[:2] - 12)).all(axis=1)
 
 
-@pytest.mark.parametrize(("height", "ratio"), [(0.25, 0.6), (0.3, 0.7), (0.15, 0.7)])
+@pytest.mark.parametrize(("height", "ratio"), [(0.25, 0.6), (0.3, 0.7), (0.24, 0.7)])
 def test_a_folded_strip(device, height, ratio):
     """Heights of (1, 0, −1, 0) turn normals by a/h from column to column, so that every triangle
     has the curvature ±a/h², and over a fold its mean is half of that at most."""
@@ -172,9 +175,10 @@ def test_a_folded_strip(device, height, ratio):
     edge = 2.8 * ratio
     c = -np.log(np.hypot(edge, height) / 2.8)
     b = LENGTH_MM * c * height / edge**2
-    low, high = (0.9 * t**2 / (1 + t**2) for t in (b**2 * (1 - (5 / 9) ** 2), b**2))
+    variances = 0.75 * b**2 * (1 - (5 / 9) ** 2), b**2
+    low, high = (0.9 * t**2 / (1 + t**2) for t in np.maximum(np.array(variances) - 0.35, 0))
     found = Folded(device, mesh, folded, unit="mm").taken[inner(mesh)]
-    assert found.min() >= 0.85 * low
+    assert found.min() >= low > 0.01
     assert found.max() <= 1.05 * high
 
 

@@ -149,23 +149,24 @@ __kernel void bends(__global const float *positions, __global const int *faces,
     moments[t] = (float2)(b, b * b);
 }
 
-// The share of a compression that folds take: m T^2 / (1 + T^2), T the variance of b.
-inline float share_of(float2 moments, float most)
+// The share of a compression that folds take: m t^2 / (1 + t^2), t what of the variance of b is above
+// `least`.
+inline float share_of(float2 moments, float most, float least)
 {
-    float variance = fmax(moments.y - moments.x * moments.x, 0.0f), square = variance * variance;
+    float variance = fmax(moments.y - moments.x * moments.x - least, 0.0f), square = variance * variance;
     return most * (square < 1e30f ? square / (1.0f + square) : 1.0f);
 }
 
 // taken: of each triangle, the mean of its places, and 0 for points in none. logs: in place.
 __kernel void take_shares(__global const int *places, __global const float2 *moments, int triangles,
-                          float most, __global float2 *logs, __global float *taken)
+                          float most, float least, __global float2 *logs, __global float *taken)
 {
     int t = get_global_id(0);
     float share = 0.0f;
     if (t < triangles)
-        share = (share_of(moments[places[3 * t]], most) +
-                 share_of(moments[places[3 * t + 1]], most) +
-                 share_of(moments[places[3 * t + 2]], most)) / 3.0f;
+        share = (share_of(moments[places[3 * t]], most, least) +
+                 share_of(moments[places[3 * t + 1]], most, least) +
+                 share_of(moments[places[3 * t + 2]], most, least)) / 3.0f;
     float2 r = logs[t];
     logs[t] = r - share * fmin(r, 0.0f);
     taken[t] = share;
@@ -173,10 +174,10 @@ __kernel void take_shares(__global const int *places, __global const float2 *mom
 
 // The same for the tension of vertices, a ratio, in place. place: of each vertex.
 __kernel void take_tension(__global const int *place, __global const float2 *moments, float most,
-                           __global float *tension)
+                           float least, __global float *tension)
 {
     int v = get_global_id(0);
     float rho = tension[v];
     if (rho > 0.0f && rho < 1.0f)
-        tension[v] = pow(rho, 1.0f - share_of(moments[place[v]], most));
+        tension[v] = pow(rho, 1.0f - share_of(moments[place[v]], most, least));
 }

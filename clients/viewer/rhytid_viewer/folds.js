@@ -10,7 +10,7 @@ export class Folds {
    * @param {ArrayLike<number>} positions x, y, z of every vertex of the neutral, in the unit of the package
    * @param {ArrayLike<number>} indices three of every triangle, into positions
    * @param {Float64Array} rest of readRest
-   * @param {{length: number, most: number, most_bend: number, rounds: number, normal_rounds: number}}
+   * @param {{length: number, most: number, least: number, most_bend: number, rounds: number, normal_rounds: number}}
    *     numbers stretch.folds of the manifest; where it is null folds take nothing
    */
   constructor(positions, indices, rest, numbers) {
@@ -45,12 +45,12 @@ export class Folds {
    * @param {Float32Array} out of stretchTexture
    */
   write(positions, out) {
-    const { rounds, most } = this._numbers, corners = this._corners;
+    const { rounds, most, least } = this._numbers, corners = this._corners;
     const moments = this._smoothed(this._bends(positions), 2, rounds);
     const shares = new Float64Array(this._places);
     for (let w = 0; w < this._places; w++) {
       const mean = moments[2 * w];
-      const variance = Math.min(Math.max(moments[2 * w + 1] - mean * mean, 0), 1e9);
+      const variance = Math.min(Math.max(moments[2 * w + 1] - mean * mean - least, 0), 1e9);
       shares[w] = (most * variance * variance) / (1 + variance * variance);
     }
     for (let t = 0; t < this._triangles; t++)

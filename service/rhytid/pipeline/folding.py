@@ -15,8 +15,8 @@ little for weak bends and most of it for steep folds, and its numbers are by eye
 The rule. Of each triangle b = ℓ Σ cᵢ (κ'ᵢ − κᵢ) over both axes of stretch: c the log compression, 0
 where it is stretched, κ' and κ the curvatures along the axis in the frame and in the neutral, ℓ =
 45 mm. T is the variance of b over about a fold around each vertex: a mean of b is another form of
-the face, as a cheek that bulges, and no fold. Folds take the share 0.9 T² / (1 + T²) of each
-compression, and leave stretch as it is.
+the face, as a cheek that bulges, and no fold. Of T what is above 0.35, t, is a fold: they take the
+share 0.9 t² / (1 + t²) of each compression, and leave stretch as it is.
 
 So lines keep a tenth at least. As brows go up, b grows with the square of the raise: folds take
 nothing up to half of it, and near its end more than compression grows by, so that lines fade while
@@ -45,8 +45,8 @@ from rhytid.domain.mesh import Mesh
 _LENGTH_MM = 45.0
 # A millimetre where the unit is not known: its share of the root of the area, on a face.
 _MILLIMETRE_OF_ROOT = 0.0034
-# Of a compression: what folds take of it.
-_MOST = 0.9
+# Of a compression: what folds take of it; and of T, the variance of b, what is no fold.
+_MOST, _LEAST = 0.9, 0.35
 # Of ℓ (κ' − κ): rims of lips and lids are bent without measure.
 _MOST_BEND = 20.0
 # Median edge of the real face on which the numbers were found, and its rounds of smoothing.
@@ -57,12 +57,14 @@ _EDGE_MM, _ROUNDS, _MOST_ROUNDS = 2.8, 2, 8
 class FoldRule:
     """The numbers by which folds of a mesh are measured.
 
-    length: ℓ, mesh units.  most: of a compression, what folds take.  most_bend: of ℓ (κ' − κ).
+    length: ℓ, mesh units.  most: of a compression, what folds take.  least: of the variance of b,
+    what is no fold.  most_bend: of ℓ (κ' − κ).
     rounds, normal_rounds: of the means of b and b², and of normals, over the triangles of a vertex.
     """
 
     length: float
     most: float
+    least: float
     most_bend: float
     rounds: int
     normal_rounds: int
@@ -76,7 +78,7 @@ class FoldRule:
         finer = float(np.clip(_EDGE_MM * millimetre / edge, 0.0, 100.0)) ** 2
         rounds = int(np.clip(round(_ROUNDS * finer), 1, _MOST_ROUNDS))
         of_normals = int(np.clip(round((finer - 1.0) * 4 / 3), 0, _MOST_ROUNDS // 2))
-        return cls(_LENGTH_MM * millimetre, _MOST, _MOST_BEND, rounds, of_normals)
+        return cls(_LENGTH_MM * millimetre, _MOST, _LEAST, _MOST_BEND, rounds, of_normals)
 
 
 @dataclass(frozen=True)
@@ -179,14 +181,16 @@ class Folding:
         frame: positions (V, 3).  amount: 0 to 1, factor of the share.
         """
         moments = self._moments(frame)
-        most = np.float32(amount * self._rule.most)
+        most, least = np.float32(amount * self._rule.most), np.float32(self._rule.least)
         taken = self._device.empty(self._triangles + 1, np.float32)
         self._launch(
             "take_shares", self._triangles + 1,
-            self._corners, moments, np.int32(self._triangles), most, logs, taken,
+            self._corners, moments, np.int32(self._triangles), most, least, logs, taken,
         )  # fmt: skip
         if tension is not None:
-            self._launch("take_tension", self._vertices, self._of_vertex, moments, most, tension)
+            self._launch(
+                "take_tension", self._vertices, self._of_vertex, moments, most, least, tension
+            )
         moments.release()
         return taken
 

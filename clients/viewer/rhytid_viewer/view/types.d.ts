@@ -45,6 +45,7 @@ export interface Manifest {
 export interface FoldNumbers {
   length: number;
   most: number;
+  least: number;
   most_bend: number;
   rounds: number;
   normal_rounds: number;

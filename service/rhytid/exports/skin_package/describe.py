@@ -184,6 +184,7 @@ def _folds(maps: SkinMaps, mesh: Mesh) -> m.Folds | None:
     return m.Folds(
         length=rule.length,
         most=amount * rule.most,
+        least=rule.least,
         most_bend=rule.most_bend,
         rounds=rule.rounds,
         normal_rounds=rule.normal_rounds,

@@ -109,8 +109,11 @@ class Blend(_Part):
 class Folds(_Part):
     """What folds of the mesh take of log compression: the numbers of folds.py and folds.js."""
 
-    length: float = Field(description="mesh units; folds whose b varies by 1 take half of `most`")
+    length: float = Field(
+        description="mesh units; folds where the variance of b is `least` + 1 take half of `most`"
+    )
     most: float = Field(description="the largest share, times response.folds")
+    least: float = Field(description="of the variance of b, what is no fold")
     most_bend: float = Field(description="limit of length times a change of curvature")
     rounds: int = Field(description="of means of b and its square over the triangles of a vertex")
     normal_rounds: int = Field(description="of the normals of the vertices")

@@ -56,7 +56,8 @@ class Folds:
         most = self._numbers["most_bend"]
         b = (pressed * np.clip(self._numbers["length"] * bent, -most, most)).sum(1) * self._usable
         mean, of_squares = self._smoothed(np.stack([b, b * b], 1), self._numbers["rounds"]).T
-        variance = np.minimum(np.maximum(of_squares - mean * mean, 0), 1e9)
+        variance = of_squares - mean * mean - self._numbers["least"]
+        variance = np.clip(variance, 0, 1e9)
         share = self._numbers["most"] * variance**2 / (1 + variance**2)
         found: NDArray[np.float32] = share[self._corners].mean(axis=1).astype(np.float32)
         return found
