@@ -59,6 +59,15 @@ def encode_png(
     return b"".join([SIGNATURE, *parts])
 
 
+def renamed(data: bytes, keyword: str, text: str) -> list[bytes]:
+    """A file of `encode_png` with another text for a keyword, in parts. Raises ValueError where it
+    has no such text."""
+    mark = b"iTXt" + keyword.encode("latin-1") + b"\0"
+    start = data.index(mark, 0, data.index(b"IDAT")) - 4
+    end = start + 12 + int.from_bytes(data[start : start + 4], "big")
+    return [data[:start], _chunk(b"iTXt", _text(keyword, text)), data[end:]]
+
+
 def _filtered(rows: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
     """Rows as bytes, high byte first, less those of the row above, each after its filter."""
     high_first = rows.astype(rows.dtype.newbyteorder(">"), copy=False)

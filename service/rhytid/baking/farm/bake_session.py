@@ -16,12 +16,13 @@ import numpy as np
 from tqdm import tqdm  # type: ignore[import-untyped]
 
 from rhytid.baking.assets import stored
-from rhytid.baking.baker import Baker, Geometry
+from rhytid.baking.baker import Baker
 from rhytid.baking.farm.chunks import Chunk
 from rhytid.baking.frame_names import FramePlace, FrameRange
 from rhytid.baking.frames import FrameFiles, frame_sources
 from rhytid.baking.input_files import mesh_file
 from rhytid.baking.inputs import BakeInputs
+from rhytid.baking.map_sources import Geometry
 from rhytid.baking.output import Output
 from rhytid.baking.request import BakeRequest
 from rhytid.baking.run_warnings import RunWarnings
@@ -171,7 +172,7 @@ class BakeSession:
         with use_verbosity(_SILENT):
             places = baker.output.places(baker.frames.places)
             job.check_frames(places)
-            baker.write(_reporting(places, done))
+            baker.write(places, _reporting(places, done))
         return ChunkReport(baker.written, baker.skipped, tuple(warnings.found), watch.seconds)
 
     def close(self) -> None:

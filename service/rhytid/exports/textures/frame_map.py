@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,13 +65,13 @@ class FrameMap:
         return self.chart().padded(self.heights())
 
 
-def attributes(header: TileHeader, facts: Facts, values: NDArray[Any]) -> Facts:
+def attributes(header: TileHeader, facts: Facts, minimum: float, maximum: float) -> Facts:
     """The attributes that are written beside the texels.
 
-    facts: of the profile, `scale` among them.  values: those that the texels stand for; their
-    `minimum` and `maximum` become attributes.
+    facts: of the profile, `scale` among them.  minimum, maximum: of the values that the texels
+    stand for.
     """
-    ends = {"minimum": float(values.min()), "maximum": float(values.max())}
+    ends = {"minimum": float(minimum), "maximum": float(maximum)}
     return {**header.attributes(), **facts, **ends, **_RAW}
 
 
@@ -128,8 +128,8 @@ class Chart:
 class Padding:
     """Which texels of a map take the displacement of which others: found once per asset.
 
-    texels, sources: (K,) numbers, row by row. They are few, along the borders, so that an asset of
-    many UDIMs can keep them all.
+    texels, sources: (K,) numbers, row by row, `texels` in ascending order. They are few, along the
+    borders, so that an asset of many UDIMs can keep them all.
     """
 
     texels: NDArray[np.int32]
@@ -151,8 +151,14 @@ class Padding:
 
     def padded(self, heights: NDArray[np.float32]) -> NDArray[np.float32]:
         """A copy of a map (R, R) in which each of `texels` has the value of its source."""
-        out: NDArray[np.float32] = heights.copy()
-        out.reshape(-1)[self.texels] = heights.reshape(-1)[self.sources]
+        return self.rows(heights, 0, len(heights))
+
+    def rows(self, heights: NDArray[np.float32], start: int, stop: int) -> NDArray[np.float32]:
+        """Rows `start` to `stop` of `padded(heights)`."""
+        side = heights.shape[1]
+        out: NDArray[np.float32] = heights[start:stop].copy()
+        part = slice(*np.searchsorted(self.texels, [start * side, stop * side]))
+        out.reshape(-1)[self.texels[part] - start * side] = heights.reshape(-1)[self.sources[part]]
         return out
 
 
