@@ -61,6 +61,7 @@ class WorkerJob:
     out: str
     name: str
     profiles: tuple[str, ...]
+    compression: str
     geometry: str | None
     subdivide: int
     query: MapQuery
@@ -89,6 +90,7 @@ class WorkerJob:
             out=str(request.out.resolve()),
             name=inputs.name,
             profiles=tuple(profile.name for profile in request.profiles),
+            compression=request.compression,
             geometry=request.geometry,
             subdivide=request.subdivide,
             query=baker.query,
@@ -186,7 +188,7 @@ class BakeSession:
         frames = FrameFiles(file, job.frames if job.files else [], job.clip)
         asset = stored(self._engine, job.asset, file.mesh)
         geometry = Geometry(file.mesh, job.geometry, job.subdivide) if job.geometry else None
-        output = Output(Path(job.out), job.name, profiles_of([*job.profiles]))
+        output = Output(Path(job.out), job.name, profiles_of([*job.profiles], job.compression))
         warnings = UnprintedWarnings("bake", job.strict, job.allow)
         return Baker(
             self._engine,
