@@ -16,6 +16,7 @@ from starlette.concurrency import run_in_threadpool
 from rhytid.api import uploads
 from rhytid.api.access import Caller
 from rhytid.api.admission import ClientGone, JobShare
+from rhytid.api.encoded_tiles import EncodedTiles
 from rhytid.api.former_frames import FormerNames
 from rhytid.api.metrics import Metrics
 from rhytid.api.multipart import Part
@@ -88,12 +89,14 @@ class Drawing:
     metrics: Metrics
     slot: AbstractContextManager[None]
     memory: RequestMemory
+    encoded: EncodedTiles
 
 
 async def _drawing(request: Request) -> Drawing:
     state = request.app.state
     slot = state.slots.one(ClientGone(request))
-    return Drawing(state.engine, state.metrics, slot, RequestMemory.of(request))
+    memory = RequestMemory.of(request)
+    return Drawing(state.engine, state.metrics, slot, memory, state.encoded())
 
 
 async def no_query(request: Request) -> None:

@@ -82,23 +82,23 @@ _ALL = (
         writers.write_half, writers.plain_facts, described=False, packed=True,
     ),
     Profile(
-        "png16", "png16-2", ".png", f"png16.{_UDIM_FIRST}", 2.0,
+        "png16", "png16-3", ".png", f"png16.{_UDIM_FIRST}", 2.0,
         writers.write_png16, writers.png16_facts, renamed=png_renamed,
     ),
     Profile(
-        "normal-gl", "normal-gl-2", ".png", f"normal-gl.{_UDIM_FIRST}", 6.0,
+        "normal-gl", "normal-gl-3", ".png", f"normal-gl.{_UDIM_FIRST}", 6.0,
         writers.write_normals, writers.normal_gl_facts, posed=True, renamed=png_renamed,
     ),
     Profile(
-        "normal-dx", "normal-dx-2", ".png", f"normal-dx.{_FRAME_FIRST}", 6.0,
+        "normal-dx", "normal-dx-3", ".png", f"normal-dx.{_FRAME_FIRST}", 6.0,
         writers.write_normals, writers.normal_dx_facts, posed=True, renamed=png_renamed,
     ),
     Profile(
-        "cavity", "cavity-1", ".png", f"cavity.{_FRAME_FIRST}", 1.0,
+        "cavity", "cavity-2", ".png", f"cavity.{_FRAME_FIRST}", 1.0,
         writers.write_cavity, writers.cavity_facts, renamed=png_renamed,
     ),
     Profile(
-        "weights", "weights-1", ".png", f"weights.{_FRAME_FIRST}", 3.0,
+        "weights", "weights-2", ".png", f"weights.{_FRAME_FIRST}", 3.0,
         writers.write_weights, writers.weight_facts, drawn=False, posed=True, renamed=png_renamed,
     ),
     Profile(
