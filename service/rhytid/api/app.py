@@ -53,6 +53,7 @@ if TYPE_CHECKING:
 
 # Looked through in this order for each request: what is asked for most comes first.
 ROUTERS = (
+    tiles.tile_router,
     tiles.router,
     assets.router,
     asset_files.router,

@@ -92,7 +92,8 @@ class Drawing:
     encoded: EncodedTiles
 
 
-async def _drawing(request: Request) -> Drawing:
+async def drawing_of(request: Request) -> Drawing:
+    """What a request for a tile or a map works with."""
     state = request.app.state
     slot = state.slots.one(ClientGone(request))
     memory = RequestMemory.of(request)
@@ -163,7 +164,7 @@ Memory = Annotated[RequestMemory, Depends(_memory)]
 JobPlace = Annotated[JobShare, Depends(_job_share)]
 # The same for a route that finds out by itself whether it needs one.
 JobPlaces = Annotated[Callable[[], AbstractContextManager[JobShare]], Depends(_job_places)]
-DrawingDep = Annotated[Drawing, Depends(_drawing)]
+DrawingDep = Annotated[Drawing, Depends(drawing_of)]
 MetricsDep = Annotated[Metrics, Depends(_metrics)]
 Strict = Annotated[bool, Query(description=STRICT)]
 Shared = Annotated[bool, Query(description="remove it from the shared store, too")]
