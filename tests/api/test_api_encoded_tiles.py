@@ -90,6 +90,7 @@ def test_what_was_used_longest_ago_leaves_first() -> None:
         kept.get("0", made(bodies[0], calls))
 
     assert budget.used_for("encoded") == 3200  # half of the budget
+    assert len(calls) == len(bodies)  # the first was asked for again and again
     calls.clear()
     for n in (0, 19, 18, 1):
         kept.get(str(n), made(bodies[n], calls))
