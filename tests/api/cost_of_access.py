@@ -1,6 +1,6 @@
 """What access costs a request: `PYTHONPATH=tests python tests/api/cost_of_access.py`.
 
-Processor time of one answer (304 of a tile) in this process, without a socket: with the checks
+Processor time of one answer (304 of a map) in this process, without a socket: with the checks
 taken out, without keys, and with a key of a file of 101. The three take turns.
 """
 
@@ -56,15 +56,15 @@ def apps(file: Path) -> dict[str, Any]:
 
 
 async def made(app: Any) -> str:
-    """The path of a tile of a new asset of the engine that the apps share."""
+    """The path of a map of a new asset of the engine that the apps share."""
     transport = httpx.ASGITransport(app=app)
     async with httpx.AsyncClient(transport=transport, base_url=f"http://{HOST}") as client:
         asset = (await client.post("/v1/assets", files=upload())).json()["id"]
-    return f"/v1/assets/{asset}/frames/neutral/tiles/1001/0/0/0"
+    return f"/v1/assets/{asset}/frames/neutral/maps/1001"
 
 
 async def asking(app: Any, path: str, key: str) -> Ask:
-    """Asks for a tile that the caller has already."""
+    """Asks for a map that the caller has already."""
     headers = {"Host": HOST, "Authorization": f"Bearer {key}"}
     transport = httpx.ASGITransport(app=app)
     async with httpx.AsyncClient(transport=transport, base_url=f"http://{HOST}") as client:

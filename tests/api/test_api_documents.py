@@ -53,7 +53,13 @@ def test_calls_that_take_a_slot_or_memory_may_be_refused_for_either() -> None:
     app = create_app(engine, ServiceSettings())
     wanting = {}
     for route in app.state.routes:
-        needed = dependencies(route) & {"_slot", "_memory", "_drawing", "_positions", "read_parts"}
+        needed = dependencies(route) & {
+            "_slot",
+            "_memory",
+            "drawing_of",
+            "_positions",
+            "read_parts",
+        }
         if route.include_in_schema and needed:
             wanting[route.operation_id] = {503, 507} - set(route.responses)
 

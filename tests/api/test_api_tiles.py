@@ -9,6 +9,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from fastapi import routing
 
 from api.asking import NPY, array_of, is_problem, npy
 from api.fake_engine import FakeEngine
@@ -256,3 +257,45 @@ def test_more_texels_than_a_map_are_refused(
     path = f"/v1/assets/{asset}/tiles"
     sent = client.post(path, params=query, content=npy(smile()), headers=NPY)
     assert "12288 texels: at most 8192" in is_problem(sent, 413, "limit")
+
+
+@pytest.mark.parametrize(
+    ("query", "usual"),
+    [
+        ("", False),
+        ("?method=neutral&format=f16", False),
+        ("?method=guess", False),
+        ("?else=1", True),
+        ("?format=npy&format=npy", True),
+        ("?level=0", True),
+    ],
+)
+def test_what_is_plainly_right_takes_the_quick_way(
+    query: str, usual: bool, client: httpx.Client, frame: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    solve = routing.solve_dependencies
+
+    async def counted(**named: Any) -> Any:
+        asked.append(named["request"].url.path)
+        return await solve(**named)
+
+    monkeypatch.setattr(routing, "solve_dependencies", counted)
+    client.get(f"{frame}/tiles/1001/0/2/1{query}")
+    assert bool(asked) == usual
+
+    asked.clear()
+    long = client.get(f"{frame}/tiles/1001/0/0000000002/1{query}")
+    assert len(asked) == 1
+    quick = client.get(f"{frame}/tiles/1001/0/2/1{query}")
+    assert (long.status_code, long.headers.get("etag")) == (
+        quick.status_code,
+        quick.headers.get("etag"),
+    )
+
+
+@pytest.mark.parametrize("place", ["x/0/0/0", "1001/0/-1/0", "1001/0/0/3000000000", "1001/0/0/²"])
+def test_a_place_that_is_no_number_is_refused_in_the_usual_way(
+    place: str, client: httpx.Client, frame: str
+) -> None:
+    assert client.get(f"{frame}/tiles/{place}").status_code == 422

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.job import Job
 from rhytid.engine.messages import (
     AssetInfo,
@@ -49,6 +50,7 @@ class FakeEngine:
         self.calibration = Job(JobInfo("c", ASSET.id, "calibration", "queued", 0.0, "", ""))
         self.assets, self.frames = FakeAssets(self), FakeFrames(self)
         self.tiles, self.jobs = FakeTiles(self), FakeJobs(self)
+        self.memory = ByteBudget(1 << 30, "RHYTID_HOST_MEMORY_MB")
 
 
 @dataclass

@@ -69,6 +69,7 @@ def job(tmp_path: Path) -> WorkerJob:
         out=str(tmp_path),
         name="face",
         profiles=("float",),
+        compression="zip",
         geometry=None,
         subdivide=2,
         query=MapQuery(),

@@ -89,6 +89,8 @@ def heights_of_png16(out: Path, inside: NDArray[np.bool_]) -> None:
     [
         (["--half", "--profile", "tx"], "--half is --profile half"),
         (["--profile", "jpeg"], "invalid choice"),
+        (["--profile", "png16", "--compression", "zips"], "is of the profiles float and half"),
+        (["--compression", "rar"], "invalid choice"),
     ],
 )
 def test_options_that_contradict(
@@ -107,3 +109,16 @@ def test_files_of_the_same_name_are_refused(
     assert main([*given, "--profile", "float", "half"]) == 1
     assert "have the same file names" in capsys.readouterr().err
     assert not (tmp_path / "x").exists()
+
+
+def test_a_compression_changes_no_texel(tmp_path: Path, small_mesh: SmallMesh) -> None:
+    shot = write_animation(tmp_path / "shot.npz", small_mesh, 1)
+    given = ["bake", str(shot), *SMALL, "--half"]
+    found = []
+    for compression in ("zip", "piz"):
+        out = tmp_path / compression
+        assert main([*given, "--out", str(out), "--compression", compression]) == 0
+        found.append(read_texture(out / "shot.1001.0001.exr"))
+
+    np.testing.assert_array_equal(found[0].texels, found[1].texels)
+    assert [one.attributes["compression"] for one in found] == ["zip", "piz"]

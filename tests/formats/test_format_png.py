@@ -12,7 +12,7 @@ from PIL import Image
 
 from exports.textures.reading import read_texture
 from rhytid.errors import InputError
-from rhytid.formats.png import encode_png
+from rhytid.formats.png import encode_png, renamed
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
@@ -48,3 +48,18 @@ def test_pillow_reads_the_same_codes_and_texts() -> None:
 def test_what_is_no_picture_is_refused(texels: Any) -> None:
     with pytest.raises(InputError, match="no PNG of"):
         encode_png(texels, {})
+
+
+@pytest.mark.parametrize("name", ["0007", "1", "a name of more letters"])
+def test_a_renamed_file_differs_in_the_name_alone(name: str) -> None:
+    texels = np.random.default_rng(3).integers(0, 255, (9, 4), np.uint8)
+    texts = {"a": "frame", "frame": "0001", "unit": "cm"}
+
+    data = b"".join(renamed(encode_png(texels, texts), "frame", name))
+
+    assert data == encode_png(texels, {**texts, "frame": name})
+
+
+def test_a_file_without_the_keyword_is_not_renamed() -> None:
+    with pytest.raises(ValueError, match="not found"):
+        renamed(encode_png(np.zeros((2, 2), np.uint8), {}), "frame", "1")

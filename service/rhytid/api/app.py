@@ -23,6 +23,7 @@ from rhytid.api.admission import (
 )
 from rhytid.api.documentation import describe
 from rhytid.api.draining import Drain, Draining
+from rhytid.api.encoded_tiles import EncodedTiles
 from rhytid.api.encoding import SCALE, WARNINGS
 from rhytid.api.events import JobEvents
 from rhytid.api.former_frames import NOTICE, FormerFrames, FormerNames
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
 
 # Looked through in this order for each request: what is asked for most comes first.
 ROUTERS = (
+    tiles.tile_router,
     tiles.router,
     assets.router,
     asset_files.router,
@@ -104,6 +106,7 @@ def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:
     app.state.large = LargeAnswers()
     app.state.live_places = LivePlaces()
     app.state.small = cache(lambda: small_budget(engine.memory))
+    app.state.encoded = cache(lambda: EncodedTiles(app.state.small()))
     app.state.former_names = FormerNames()
     app.state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")
     app.state.metrics = Metrics(

@@ -16,6 +16,7 @@ from starlette.concurrency import run_in_threadpool
 from rhytid.api import uploads
 from rhytid.api.access import Caller
 from rhytid.api.admission import ClientGone, JobShare
+from rhytid.api.encoded_tiles import EncodedTiles
 from rhytid.api.former_frames import FormerNames
 from rhytid.api.metrics import Metrics
 from rhytid.api.multipart import Part
@@ -88,12 +89,15 @@ class Drawing:
     metrics: Metrics
     slot: AbstractContextManager[None]
     memory: RequestMemory
+    encoded: EncodedTiles
 
 
-async def _drawing(request: Request) -> Drawing:
+async def drawing_of(request: Request) -> Drawing:
+    """What a request for a tile or a map works with."""
     state = request.app.state
     slot = state.slots.one(ClientGone(request))
-    return Drawing(state.engine, state.metrics, slot, RequestMemory.of(request))
+    memory = RequestMemory.of(request)
+    return Drawing(state.engine, state.metrics, slot, memory, state.encoded())
 
 
 async def no_query(request: Request) -> None:
@@ -160,7 +164,7 @@ Memory = Annotated[RequestMemory, Depends(_memory)]
 JobPlace = Annotated[JobShare, Depends(_job_share)]
 # The same for a route that finds out by itself whether it needs one.
 JobPlaces = Annotated[Callable[[], AbstractContextManager[JobShare]], Depends(_job_places)]
-DrawingDep = Annotated[Drawing, Depends(_drawing)]
+DrawingDep = Annotated[Drawing, Depends(drawing_of)]
 MetricsDep = Annotated[Metrics, Depends(_metrics)]
 Strict = Annotated[bool, Query(description=STRICT)]
 Shared = Annotated[bool, Query(description="remove it from the shared store, too")]

@@ -22,7 +22,7 @@ from rhytid.device.figures import working_on
 from rhytid.domain.tiles import MapAddress, TileAddress
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.byte_budget import Hold
-from rhytid.engine.messages import AssetContent, FrameStretch, MapQuery, TileDescription
+from rhytid.engine.messages import AssetContent, DrawnTile, FrameStretch, MapQuery, TileDescription
 from rhytid.errors import QueryError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.formats.tiles import FORMATS, Encoded, encode
@@ -94,16 +94,28 @@ def answer(
         hold = memory.answer(WORKING * nbytes)
         drawn = drawing.engine.tiles.draw(asset, frame, query, place)
         found, key = drawn.description, drawn.key
-        with working_on(query.method), drawing.metrics.figures.stage("encode"):
-            encoded = encode(drawn.tile, format, found.header)
+        # Where it was replaced while it was drawn, these bytes may belong to either content.
+        tags = _validators(found, format) if key == found.key else {"Cache-Control": "no-store"}
+        encoded = _encoded(drawing, drawn, format, tags.get("ETag"))
         del drawn
         hold.resize(len(encoded.body))
         file = memory.aside(encoded.body) if len(encoded.body) >= LARGE else None
     drawing.metrics.tiles_of(query.method).inc()
-    # Where it was replaced while it was drawn, these bytes may belong to either content.
-    tags = _validators(found, format) if key == found.key else {"Cache-Control": "no-store"}
     about = {**tags, **scale_header(format, found.header)}
     return _sent(encoded, about, hold, file)
+
+
+def _encoded(drawing: Drawing, drawn: DrawnTile, format: str, tag: str | None) -> Encoded:
+    """An encoded tile.  tag: its ETag, by which other requests for it have it, too."""
+    header = drawn.description.header
+
+    def make() -> Encoded:
+        with working_on(header.method), drawing.metrics.figures.stage("encode"):
+            return encode(drawn.tile, format, header)
+
+    if tag is None or not FORMATS[format].compressed:
+        return make()
+    return drawing.encoded.get(tag, make)
 
 
 def _sent(encoded: Encoded, headers: Mapping[str, str], hold: Hold, file: Spool | None) -> Response:

@@ -1,40 +1,44 @@
-"""Baking: every frame of an animation as files of displacement, by an engine in this process."""
+"""Baking: every frame of an animation as files of displacement, by an engine in this process.
+
+One thread draws frame after frame, and others write the maps that it has drawn. How many maps wait
+or are written is limited by their bytes, `RHYTID_HOST_MEMORY_MB`.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping
+import math
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
-from numpy.typing import NDArray
 
 from rhytid.baking.assets import finish
 from rhytid.baking.frame_names import FramePlace
 from rhytid.baking.frames import FrameFiles
+from rhytid.baking.map_sources import FrameSurface, Geometry, MapSources, Texels, once
 from rhytid.baking.output import BakeRecord, Output
 from rhytid.baking.run_warnings import RunWarnings
 from rhytid.domain.mesh import Mesh
+from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.engine.messages import AssetInfo, MapQuery
-from rhytid.exports.displaced import Subdivided
-from rhytid.exports.meshes import mesh_format
-from rhytid.exports.textures.frame_map import Chart, FrameMap, Padding
+from rhytid.exports.textures.frame_map import FrameMap
 from rhytid.exports.textures.profiles import Profile
-from rhytid.exports.textures.tangents import Posed
-from rhytid.exports.textures.writers import corner_weights
-from rhytid.support.atomic_files import atomic_write, write_file
+from rhytid.exports.textures.writers import write_parts
 from rhytid.support.console import Stopwatch, counted, detail
+from rhytid.support.cores import core_count
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
     from rhytid.engine.messages import TilePlan
 
-Texels = NDArray[np.float32]
-# Of the digest of a frame, in keys of files.
-_DIGITS = 16
+# Frames that are drawn before the first of them is written, at least.
+_AHEAD = 3
+# Bytes of a texel that waits or is written: its displacement, and as much again for its file.
+_TEXEL_BYTES = 8
 
 
 @dataclass
@@ -68,39 +72,59 @@ class Baker:
     def run(self) -> None:
         """Write every file that is missing or out of date."""
         places = self.output.places(self.frames.places)
-        self.write(counted(places, "baking", "frame"))
+        self.write(places, counted(places, "baking", "frame"))
 
-    def write(self, places: Iterable[FramePlace]) -> None:
-        """Write the files of these frames that are missing or out of date. A frame is done when the
-        next one is taken from `places`."""
+    def write(self, places: Sequence[FramePlace], shown: Iterable[FramePlace]) -> None:
+        """Write the files of these frames that are missing or out of date.
+
+        shown: the same frames. A frame is done, its files are there, when the next one is taken
+        from `shown`; those after it may be drawn by then. Where this raises, what was drawn is
+        written first.
+        """
         record = self.output.record(self.engine.tiles.drawn_by)
-        for place in places:
-            with self.watch.step("stretch"):
-                self._put(place)
-            self._frame(record, place)
-            self.engine.frames.delete(self.asset.id, place.label)
+        with FileWriters(self.engine.memory.limit) as writers:
+            upcoming, ahead = iter(places), deque[list[Future[int]]]()
+            for _ in shown:
+                while len(ahead) < writers.ahead and not (ahead and _is_written(ahead[0])):
+                    if (place := next(upcoming, None)) is None:
+                        break
+                    ahead.append(self._frame(record, writers, place))
+                self.written += sum(done.result() for done in ahead.popleft())
         if self.written:
             self.warnings.drawn_by(self.output.drawn_by(self.engine.tiles.drawn_by))
 
-    def _frame(self, record: BakeRecord, place: FramePlace) -> None:
-        """Write the maps and the surface of a frame that the engine holds."""
-        surface = self._sources.surface(place.label, partial(self.frames.read, place))
-        plans, heights = {}, {}
-        for udim in self.asset.udims:
-            plan = plans[udim] = self._plan(place, udim)
-            drawn = self._sources.map(surface, plan, cache(partial(self._draw, plan)))
-            self.output.describe(drawn)
-            for profile in self.output.profiles:
-                file = self.output.file(profile, udim, place)
-                self._map(record, profile, file, plan, drawn, surface)
-            if self.geometry is not None:  # else each map is let go after its UDIM
-                heights[udim] = drawn.bordered
-        if self.geometry is not None:
-            self._surface(self.geometry, record, place, plans, heights, surface)
+    def _frame(
+        self, record: BakeRecord, writers: FileWriters, place: FramePlace
+    ) -> list[Future[int]]:
+        """Draw a frame, and have its files written. Each result is a number of files."""
+        with self.watch.step("stretch"):
+            positions, _ = self._put(place)
+        frame = _Frame(place, self._sources.surface(place.label, positions), record, writers)
+        plans = {udim: self._plan(place, udim) for udim in self.asset.udims}
+        surface = self._due_surface(frame, plans)
+        held = writers.hold(self._map_bytes * len(plans)) if surface else None
+        found, drawn = [], {}
+        for udim, plan in plans.items():
+            map = self._sources.map(frame.surface, plan, once(partial(self._draw, plan)))
+            self.output.describe(map)
+            if due := self._due_maps(frame, plan):
+                found.append(self._begin(frame, map, due, held))
+            if surface:  # else each map is let go after its UDIM
+                map.heights()
+                drawn[udim] = map
+        if surface:
+            work = partial(self._write_surface, frame, surface, drawn)
+            found.append(writers.submit(work, held))
+        self.engine.frames.delete(self.asset.id, place.label)
+        return found
 
     @cached_property
     def _sources(self) -> MapSources:
         return MapSources(self.engine, self.asset, self.mesh)
+
+    @property
+    def _map_bytes(self) -> int:
+        return _TEXEL_BYTES * int(self.asset.settings["resolution"]) ** 2
 
     def _plan(self, place: FramePlace, udim: int) -> TilePlan:
         return self.engine.tiles.plan_map(self.asset.id, place.label, self.query, udim, 0)
@@ -109,144 +133,181 @@ class Baker:
         with self.watch.step(self.query.method):
             return plan.draw()
 
-    def _map(
-        self,
-        record: BakeRecord,
-        profile: Profile,
-        file: Path,
-        plan: TilePlan,
-        drawn: FrameMap,
-        surface: FrameSurface,
-    ) -> None:
-        """Write one map in one profile, unless it is done."""
-        # A map of the neutral is the same in all frames, what is made of positions is not.
-        key = f"{plan.key}-{profile.key}{surface.digest() if profile.posed else ''}"
-        if record.done(file, key):
+    def _due_maps(self, frame: _Frame, plan: TilePlan) -> list[_DueMap]:
+        """The files of one map that are not done."""
+        found = []
+        for profile in self.output.profiles:
+            file = self.output.file(profile, plan.header.udim, frame.place)
+            # A map of the neutral is the same in all frames, what is made of positions is not.
+            digest = frame.surface.digest() if profile.posed else ""
+            key = f"{plan.key}-{profile.key}{digest}"
+            if not self._is_done(frame, file, key):
+                found.append(_DueMap(file, key, profile, frame.source(profile, key)))
+        return found
+
+    def _due_surface(self, frame: _Frame, plans: Mapping[int, TilePlan]) -> tuple[Path, str] | None:
+        """The file and the key of the surface that the maps of a frame displace, unless it is
+        done."""
+        if self.geometry is None:
+            return None
+        file = self.output.geometry_file(frame.place, self.geometry.format)
+        keys = [frame.surface.digest(), *(plan.key for plan in plans.values())]
+        key = hashlib.sha256("\n".join([*keys, self.geometry.words]).encode()).hexdigest()
+        return None if self._is_done(frame, file, key) else (file, key)
+
+    def _is_done(self, frame: _Frame, file: Path, key: str) -> bool:
+        done = frame.record.done(file, key)
+        if done:
             detail(f"{file.name} is already there")
             self.skipped += 1
-            return
-        if profile.drawn:
-            drawn.heights()
-        with self.watch.step("write"):
-            profile.write(file, drawn, profile.all_facts(drawn))
-            record.add(file, key)
-        detail(f"wrote {file.name}")
-        self.written += 1
+        return done
 
-    def _surface(
-        self,
-        geometry: Geometry,
-        record: BakeRecord,
-        place: FramePlace,
-        plans: Mapping[int, TilePlan],
-        heights: Mapping[int, Callable[[], Texels]],
-        surface: FrameSurface,
-    ) -> None:
-        """Write the surface that the maps of a frame displace, unless it is done."""
-        file = self.output.geometry_file(place, geometry.format)
-        keys = [surface.digest(), *(plan.key for plan in plans.values())]
-        key = hashlib.sha256("\n".join([*keys, geometry.words]).encode()).hexdigest()
-        if record.done(file, key):
-            self.skipped += 1
-            return
-        maps = {udim: draw() for udim, draw in heights.items()}
+    def _begin(
+        self, frame: _Frame, map: FrameMap, due: Sequence[_DueMap], held: Hold | None
+    ) -> Future[int]:
+        """Draw a map, unless its files are copies, and have them written.  held: bytes of the
+        frame; None to hold those of this map."""
+        alone = None
+        if any(one.profile.drawn and one.source is None for one in due):
+            alone = None if held else frame.writers.hold(self._map_bytes)
+            map.heights()
+        if any(one.profile.posed and not one.profile.drawn for one in due):
+            frame.surface.ratios()  # which the engine has only while it holds the frame
+        future = frame.writers.submit(partial(self._write_maps, frame, map, due), alone)
+        frame.writers.note({one.key: one.file for one in due}, future)
+        return future
+
+    def _write_maps(self, frame: _Frame, map: FrameMap, due: Sequence[_DueMap]) -> int:
+        """Write the files of a map; on any thread."""
+        for one in due:
+            with self.watch.step("write"):
+                if not self._copied(frame, one):
+                    one.profile.write(one.file, map, one.profile.all_facts(map))
+                frame.record.add(one.file, one.key)
+            detail(f"wrote {one.file.name}")
+        return len(due)
+
+    def _copied(self, frame: _Frame, one: _DueMap) -> bool:
+        """Write a file as a copy of one with the same key, with the name of its own frame; whether
+        that was possible. The bytes that are copied have the hash that the record has of them."""
+        if one.source is None or one.profile.renamed is None:
+            return False
+        file, written = one.source
+        if written is not None:
+            wait([written])
+        data = frame.record.contents(file, one.key)
+        if data is None:
+            return False
+        write_parts(one.file, one.profile.renamed(data, "frame", frame.place.label))
+        return True
+
+    def _write_surface(
+        self, frame: _Frame, one: tuple[Path, str], drawn: Mapping[int, FrameMap]
+    ) -> int:
+        """Write a displaced surface; on any thread."""
+        assert self.geometry is not None
+        file, key = one
+        maps = {udim: map.bordered() for udim, map in drawn.items()}
         with self.watch.step("geometry"):
-            geometry.write(file, self.frames.read(place), maps)
-            record.add(file, key)
+            self.geometry.write(file, frame.surface.positions, maps)
+            frame.record.add(file, key)
         detail(f"wrote {file.name}")
-        self.written += 1
+        return 1
 
     def _measure(self, place: FramePlace) -> float:
         """The 90th percentile of the absolute log stretch of a frame."""
-        size = self._put(place)
+        _, size = self._put(place)
         self.engine.frames.delete(self.asset.id, place.label)
         return size
 
-    def _put(self, place: FramePlace) -> float:
+    def _put(self, place: FramePlace) -> tuple[Texels, float]:
+        """Give a frame to the engine; its positions, and how it stretches."""
         positions = self.frames.read(place)
         info = self.engine.frames.put(self.asset.id, place.label, positions)
         self.warnings.frame(info.warnings, place.name)
-        return info.log_stretch["abs_p90"]
+        return positions, info.log_stretch["abs_p90"]
 
 
-@dataclass(frozen=True, eq=False)
-class FrameSurface:
-    """The surface of one frame; each part is computed when it is first called.
+# A file with the same contents, and its writing where that may not have ended.
+Source = tuple[Path, "Future[int] | None"]
 
-    digest: 16 hex digits that name the positions.  posed: the mesh in the frame, for normal maps.
-    weights: stretch as weights of corners.
+
+@dataclass(frozen=True)
+class _DueMap:
+    """A file of a map that is to be written.
+
+    key: of its contents.  source: a file that may be copied in place of drawing.
     """
 
-    digest: Callable[[], str]
-    posed: Callable[[], Posed]
-    weights: Callable[[], NDArray[np.float64]]
+    file: Path
+    key: str
+    profile: Profile
+    source: Source | None
 
 
-class MapSources:
-    """Makes the maps of an asset from its mesh and its frames.
+@dataclass(frozen=True)
+class _Frame:
+    """A frame whose files are written."""
 
-    Charts are kept, 10 bytes per texel of each UDIM, and so are paddings, which are small.
+    place: FramePlace
+    surface: FrameSurface
+    record: BakeRecord
+    writers: FileWriters
+
+    def source(self, profile: Profile, key: str) -> Source | None:
+        """What a file may be copied from."""
+        if profile.renamed is None:
+            return None
+        if (under_way := self.writers.under_way.get(key)) is not None:
+            return under_way
+        file = self.record.file_of(key)
+        return None if file is None else (file, None)
+
+
+class FileWriters:
+    """Threads that write files, and the bytes that wait for them.
+
+    limit: of the bytes.  ahead: frames that are drawn before the first of them is written, at most.
+    under_way: files that are being written by their keys, and the writing of each.
     """
 
-    def __init__(self, engine: Engine, asset: AssetInfo, mesh: Mesh) -> None:
-        self._engine, self._asset, self._mesh = engine, asset, mesh
-        self._depth = float(asset.settings["depth"] or 0.0)
-        self._reach = int(asset.settings["padding"])
-        self._charts: dict[int, Chart] = {}
-        self._paddings: dict[int, Padding] = {}
+    def __init__(self, limit: int) -> None:
+        self._budget = ByteBudget(limit, "RHYTID_HOST_MEMORY_MB", math.inf)
+        self.ahead = max(_AHEAD, core_count() + 1)
+        self._pool = ThreadPoolExecutor(self.ahead, "rhytid-writer")
+        self.under_way: dict[str, tuple[Path, Future[int]]] = {}
 
-    def surface(self, frame: str, positions: Callable[[], NDArray[np.float32]]) -> FrameSurface:
-        """The surface of a frame that the engine holds.  positions: reads (V, 3) positions."""
-        engine, asset, mesh = self._engine, self._asset.id, self._mesh
-        return FrameSurface(
-            cache(lambda: engine.frames.digest(asset, frame)[:_DIGITS]),
-            cache(lambda: Posed.of(mesh, positions())),
-            cache(lambda: corner_weights(mesh, engine.frames.stretch(asset, frame).ratios)),
-        )
+    def __enter__(self) -> FileWriters:
+        return self
 
-    def map(
-        self, surface: FrameSurface, plan: TilePlan, heights: Callable[[], NDArray[np.float32]]
-    ) -> FrameMap:
-        """The map of a plan.  heights: draws its displacement."""
-        udim = plan.header.udim
-        return FrameMap(
-            plan.header,
-            self._depth,
-            heights,
-            lambda: self._padding(udim),
-            lambda: self._chart(udim),
-            surface.posed,
-            surface.weights,
-        )
+    def __exit__(self, *raised: object) -> None:
+        """Wait until everything is written."""
+        self._pool.shutdown()
 
-    def _chart(self, udim: int) -> Chart:
-        if udim not in self._charts:
-            self._charts[udim] = Chart.of(self._mesh, udim, self._triangles(udim))
-        return self._charts[udim]
+    def note(self, files: Mapping[str, Path], writing: Future[int]) -> None:
+        """Have files, by their keys, in `under_way` until they are written."""
+        self.under_way.update((key, (file, writing)) for key, file in files.items())
 
-    def _padding(self, udim: int) -> Padding:
-        if udim not in self._paddings:
-            found = self._triangles(udim)
-            self._paddings[udim] = Padding.of(self._mesh, udim, found, self._reach)
-        return self._paddings[udim]
+        def forget(done: Future[int]) -> None:
+            for key, file in files.items():
+                if self.under_way.get(key) == (file, done):
+                    del self.under_way[key]
 
-    def _triangles(self, udim: int) -> NDArray[np.int32]:
-        return self._engine.tiles.triangles(self._asset.id, udim)
+        writing.add_done_callback(forget)
+
+    def hold(self, nbytes: int) -> Hold:
+        """Wait until so many bytes are free, or all, and hold them."""
+        held = self._budget.hold("maps")
+        held.grow(min(nbytes, self._budget.limit))
+        return held
+
+    def submit(self, write: Callable[[], int], held: Hold | None) -> Future[int]:
+        """Have files written. The bytes are free again when that has ended."""
+        future = self._pool.submit(write)
+        if held is not None:
+            future.add_done_callback(lambda _: held.release())
+        return future
 
 
-class Geometry:
-    """Displaced surfaces of a mesh, each of whose triangles is cut in four `levels` times.
-
-    format: `glb` or `ply`.  words: what makes these surfaces differ from others of the same maps.
-    """
-
-    def __init__(self, mesh: Mesh, format: str, levels: int) -> None:
-        self.format, self.words = format, f"{format} {levels} padded"
-        self._cut = Subdivided.of(mesh, levels)
-
-    def write(self, file: Path, positions: NDArray[np.float32], maps: Mapping[int, Texels]) -> None:
-        """Write the surface of a frame; the file appears when it is complete.  positions: (V, 3).
-        maps: displacement by UDIM."""
-        data = mesh_format(self.format).write(self._cut.moved(positions, maps))
-        with atomic_write(file) as aside:
-            write_file(aside, data)
+def _is_written(frame: Sequence[Future[int]]) -> bool:
+    return all(future.done() for future in frame)

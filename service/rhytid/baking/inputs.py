@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rhytid.baking.baker import Geometry
 from rhytid.baking.frame_names import FramePlace, FrameRange, check_file_name, frame_numbers
 from rhytid.baking.frames import FrameFiles, check_sources, read_frames_list
 from rhytid.baking.input_files import (
@@ -16,6 +15,7 @@ from rhytid.baking.input_files import (
     shape_files,
     stiffness_files,
 )
+from rhytid.baking.map_sources import Geometry
 from rhytid.baking.output import BakeSize, Output
 from rhytid.baking.request import BakeRequest, SkinRequest
 from rhytid.baking.run_warnings import RunWarnings

@@ -5,7 +5,9 @@ from __future__ import annotations
 import glob
 import hashlib
 import json
+import threading
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -166,28 +168,49 @@ class BakeRecord:
     one folder at once.
 
     path: file of this record.  others: files of the records of other parts, which are only read.
-    drawn_by: names what draws now; two devices of other names draw other bits. Raises StorageError
-    where a record is damaged.
+    drawn_by: names what draws now; two devices of other names draw other bits. Safe from any
+    thread. Raises StorageError where a record is damaged.
     """
 
     def __init__(self, path: Path, others: Iterable[Path] = (), drawn_by: str = "") -> None:
         self._path, self._drawn_by = path, drawn_by
         self._maps = _load(path)
         self._found = [self._maps, *(_load(other) for other in others if other != path)]
+        self._names = {entry["key"]: name for maps in self._found for name, entry in maps.items()}
+        self._lock = threading.Lock()
 
     def done(self, file: Path, key: str) -> bool:
         """Whether `file` is there as it was written for `key`."""
-        entries = [entry for maps in self._found if (entry := maps.get(file.name)) is not None]
-        digests = {entry["sha256"] for entry in entries if entry["key"] == key}
+        digests = self._digests(file, key)
         return bool(digests) and file.is_file() and StoredFile.read(file).sha256 in digests
+
+    def file_of(self, key: str) -> Path | None:
+        """A file that was written for `key`, if there was one. It may be gone or damaged."""
+        name = self._names.get(key)
+        return None if name is None else self._path.parent / name
+
+    def contents(self, file: Path, key: str) -> bytes | None:
+        """The bytes of a file as it was written for `key`; None where it is not there so."""
+        with suppress(FileNotFoundError):
+            data = file.read_bytes()
+            if hashlib.sha256(data).hexdigest() in self._digests(file, key):
+                return data
+        return None
 
     def add(self, file: Path, key: str) -> None:
         """Record that `file` was written for `key`. The record is on the disk when this returns."""
         digest = StoredFile.read(file).sha256
-        self._maps[file.name] = {"key": key, "sha256": digest, "drawn_by": self._drawn_by}
-        text = json.dumps({"maps": self._maps}, indent=1, sort_keys=True)
-        with atomic_write(self._path) as aside:
-            write_file(aside, f"{text}\n".encode())
+        with self._lock:
+            self._maps[file.name] = {"key": key, "sha256": digest, "drawn_by": self._drawn_by}
+            self._names[key] = file.name
+            text = json.dumps({"maps": self._maps}, indent=1, sort_keys=True)
+            with atomic_write(self._path) as aside:
+                write_file(aside, f"{text}\n".encode())
+
+    def _digests(self, file: Path, key: str) -> set[str]:
+        with self._lock:
+            entries = [maps[file.name] for maps in self._found if file.name in maps]
+        return {entry["sha256"] for entry in entries if entry["key"] == key}
 
 
 def drawn_by(records: Iterable[Path]) -> set[str]:

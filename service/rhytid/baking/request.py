@@ -52,8 +52,9 @@ class BakeRequest:
     texels per side of that one; None for its own.
 
     out: folder of the maps.  name: first part of the names of files; None for that of the mesh.
-    profiles: kinds of maps.  query: how they are drawn.  geometry: format of displaced surfaces,
-    `glb` or `ply`; None for no surfaces.  subdivide: how often their triangles are cut in four.
+    profiles: kinds of maps.  compression: of those that have a choice.  query: how they are drawn.
+    geometry: format of displaced surfaces, `glb` or `ply`; None for no surfaces.  subdivide: how
+    often their triangles are cut in four.
 
     service: settings of the engine.  store: folder of the assets; None for one that lasts as long
     as the bake.  openjd: folder of a job bundle, which is written in place of maps.  dask: address
@@ -68,6 +69,7 @@ class BakeRequest:
     profiles: tuple[Profile, ...]
     query: MapQuery
     service: ServiceSettings
+    compression: str = "zip"
     skin: SkinRequest | None = None
     asset: str | None = None
     resolution: int | None = None

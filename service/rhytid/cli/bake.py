@@ -33,6 +33,7 @@ from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.skin_options import add_skin, refuse_without_effect, skin_request
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.messages import METHODS, MapQuery
+from rhytid.exports.textures import COMPRESSIONS
 from rhytid.support.build_identity import check_drawing
 from rhytid.support.console import report
 
@@ -160,11 +161,13 @@ def _request(arguments: argparse.Namespace) -> BakeRequest:
     wrong."""
     from rhytid.exports.textures.profiles import profiles_of
 
-    profiles = profiles_of(arguments.profile or (["half"] if arguments.half else ["float"]))
+    names = arguments.profile or (["half"] if arguments.half else ["float"])
+    profiles = profiles_of(names, arguments.compression)
     return BakeRequest(
         mesh=arguments.mesh,
         out=arguments.out,
         profiles=profiles,
+        compression=arguments.compression,
         query=MapQuery(arguments.method, arguments.stretch, arguments.sampling),
         service=service_settings(arguments.store, arguments.device, arguments.shared_store),
         skin=skin_request(arguments) if arguments.asset is None else None,
@@ -195,6 +198,10 @@ def _refuse_conflicts(arguments: argparse.Namespace) -> None:
     _refuse_dask_conflicts(arguments)
     if arguments.half and arguments.profile:
         arguments.usage_error("--half is --profile half: use one")
+    if arguments.compression != COMPRESSIONS[0] and not (
+        set(arguments.profile or ["float"]) & {"float", "half"}
+    ):
+        arguments.usage_error("--compression is of the profiles float and half: use one")
     if arguments.frames and arguments.frames_list:
         arguments.usage_error("--frames and --frames-list both say which frames: use one")
     if arguments.chunk and arguments.openjd is None and arguments.dask is None:

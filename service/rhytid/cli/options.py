@@ -17,7 +17,7 @@ from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.warnings import CODES
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS
 from rhytid.errors import InputError
-from rhytid.exports.textures import PROFILE_NAMES
+from rhytid.exports.textures import COMPRESSIONS, PROFILE_NAMES
 from rhytid.formats.frame_set import Clip
 from rhytid.support.console import STDOUT
 from rhytid.support.settings import ServiceSettings
@@ -234,6 +234,11 @@ def add_profiles(parser: Arguments) -> None:
     kinds = f"kinds of files to write, one or several: {', '.join(PROFILE_NAMES)} (default: float)"
     add_several(parser, "--profile", choices=PROFILE_NAMES, metavar="NAME", help=kinds)
     parser.add_argument("--half", action="store_true", help="the same as --profile half")
+    how = (
+        "of float and half: zip, zips and piz are read by all programs, zstd by those with OpenEXR "
+        "3.5 alone; dwaa is lossy"
+    )
+    parser.add_argument("--compression", choices=COMPRESSIONS, default=COMPRESSIONS[0], help=how)
 
 
 def add_device(parser: Arguments, more: str = "") -> None:

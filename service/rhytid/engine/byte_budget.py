@@ -7,6 +7,7 @@ import asyncio
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -34,7 +35,8 @@ class ByteBudget:
     """Counts bytes against a limit, by the purpose that they are held for. Safe from any thread.
 
     setting: the environment variable that sets the limit, for messages.  patience: seconds that a
-    request waits for bytes.
+    request waits for bytes.  on_shortage: called when a request begins to wait, by its thread, to
+    give back what can be made again.
     """
 
     def __init__(self, limit: int, setting: str, patience: float = PATIENCE) -> None:
@@ -44,6 +46,7 @@ class ByteBudget:
         self._by_purpose: Counter[str] = Counter()
         self._used = 0
         self._waiting: list[_Waiting] = []
+        self.on_shortage: Callable[[], None] = lambda: None
 
     @property
     def used(self) -> int:
@@ -62,6 +65,15 @@ class ByteBudget:
     def hold(self, purpose: str) -> Hold:
         """A new hold of 0 bytes."""
         return Hold(self, purpose)
+
+    def taken(self, purpose: str, nbytes: int) -> Hold | None:
+        """A new hold of `nbytes` bytes; None where they are not free now, or somebody waits."""
+        with self._lock:
+            if self._waiting or not self._fits(nbytes):
+                return None
+            hold = Hold(self, purpose)
+            self._give(hold, nbytes)
+        return hold
 
     def has(self, nbytes: int) -> bool:
         """Whether `nbytes` bytes are free now, and nobody waits for any."""
@@ -165,6 +177,7 @@ class Hold:
         waiting = self._budget.ask(self, more)
         if waiting is None:
             return
+        self._budget.on_shortage()
         until = time.monotonic() + self._budget.patience
         while not wait([waiting.granted], min(_LOOK, self._budget.patience)).done:
             if time.monotonic() >= until:
@@ -181,6 +194,7 @@ class Hold:
         waiting = self._budget.ask(self, more)
         if waiting is None:
             return
+        self._budget.on_shortage()
         try:
             # Shielded: the future is set by the thread that grants the bytes, and must not be
             # cancelled with the wait.

@@ -1,7 +1,6 @@
-"""OpenEXR: displacement maps as they are written, and grey images as they are uploaded.
+"""OpenEXR: displacement maps as they are read, and grey images as they are uploaded.
 
-A map is one channel `Y` in ZIP compression. The name of the channel is not free: Blender reads a
-lone channel of another name as NaN.
+Maps are written by `exr_encoder`.
 
 A grey image has one channel of half or float from 0 to 1, which becomes codes of 16 bits; 0.5
 becomes 32768 of 65535, mid grey. Its header is checked here, before the library sees a byte of it,
@@ -16,7 +15,7 @@ import json
 import struct
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -24,14 +23,14 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from rhytid.errors import InputError, StorageError
+from rhytid.formats import exr_encoder
 from rhytid.formats.exr_decoder import READY, BadTexel, decode
+from rhytid.formats.exr_encoder import CHANNEL, Texels, exr_parts
 from rhytid.formats.limits import check_sides
 from rhytid.formats.tile_header import TileHeader
 from rhytid.support.temporary_folders import temporary_folder
 
-SIGNATURE = b"\x76\x2f\x31\x01"
-Texels = NDArray[np.float32] | NDArray[np.float16]
-_CHANNEL = "Y"
+SIGNATURE = exr_encoder.SIGNATURE
 # Seconds that the decoder may take.
 _SECONDS = 60
 # Bytes of its messages that are kept, beside its answer.
@@ -58,16 +57,7 @@ _MOST_NAME, _MOST_CHANNELS, _MOST_ATTRIBUTES = 255, 8, 10_000
 def encode_exr(texels: Texels, header: TileHeader) -> bytes:
     """A map (h, w) of float32 or float16 as the bytes of a file, with the attributes of its
     header."""
-    stream = io.BytesIO()
-    exr_file(texels, header.attributes()).write(stream)
-    return stream.getvalue()
-
-
-def exr_file(texels: Texels, attributes: Mapping[str, str | int | float]) -> OpenEXR.File:
-    """A map with attributes as a file of the OpenEXR library, whose `write` takes a path or a
-    stream."""
-    fixed = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    return OpenEXR.File({**attributes, **fixed}, {_CHANNEL: np.ascontiguousarray(texels)})
+    return b"".join(exr_parts(texels, header.attributes()))
 
 
 def read_exr(path: Path) -> tuple[Texels, dict[str, object]]:
@@ -88,9 +78,9 @@ def _read(source: str | io.BytesIO, name: str) -> tuple[Texels, dict[str, object
         raise InputError(f"{name}: not a readable EXR file") from exc
     # A file that is cut short raises nothing: it just has no parts.
     channels = file.channels() if file.parts else {}
-    if _CHANNEL not in channels:
-        raise InputError(f"{name}: a damaged EXR file, or one without a channel {_CHANNEL}")
-    texels: Texels = channels[_CHANNEL].pixels
+    if CHANNEL not in channels:
+        raise InputError(f"{name}: a damaged EXR file, or one without a channel {CHANNEL}")
+    texels: Texels = channels[CHANNEL].pixels
     return texels, dict(file.header())
 
 

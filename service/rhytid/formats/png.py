@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import io
 import struct
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 import numpy as np
+from isal import isal_zlib
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
@@ -25,7 +25,8 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # Colour types of the header by channels, and the filter that stores differences to the row above.
 _COLOURS, _UP = {1: 0, 3: 2}, 2
 _GAMMA_1 = 100_000
-# Level 6 takes twice the time for 10 % less.
+# Of ISA-L, 0 to 3: level 0 is 40 % larger, 3 takes a tenth longer for nothing. Level 1 of zlib, and
+# Pillow, take four and seven times as long for files of the same size.
 _LEVEL = 1
 # The length and the name of the first chunk follow the signature.
 _HEADER = SIGNATURE + b"\x00\x00\x00\x0dIHDR"
@@ -53,10 +54,19 @@ def encode_png(
     bits = 8 * rows.dtype.itemsize
     head = struct.pack(">IIBBBBB", width, height, bits, _COLOURS[channels], 0, 0, 0)
     notes = (_chunk(b"iTXt", _text(name, text)) for name, text in texts.items())
-    data = zlib.compress(_filtered(rows), _LEVEL)
+    data = isal_zlib.compress(_filtered(rows), _LEVEL)
     gamma = [_chunk(b"gAMA", struct.pack(">I", _GAMMA_1))] if linear else []
     parts = [_chunk(b"IHDR", head), *gamma, *notes, _chunk(b"IDAT", data), _chunk(b"IEND", b"")]
     return b"".join([SIGNATURE, *parts])
+
+
+def renamed(data: bytes, keyword: str, text: str) -> list[bytes]:
+    """A file of `encode_png` with another text for a keyword, in parts. Raises ValueError where it
+    has no such text."""
+    mark = b"iTXt" + keyword.encode("latin-1") + b"\0"
+    start = data.index(mark, 0, data.index(b"IDAT")) - 4
+    end = start + 12 + int.from_bytes(data[start : start + 4], "big")
+    return [data[:start], _chunk(b"iTXt", _text(keyword, text)), data[end:]]
 
 
 def _filtered(rows: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
@@ -75,7 +85,7 @@ def _text(name: str, text: str) -> bytes:
 
 
 def _chunk(kind: bytes, data: bytes) -> bytes:
-    check = struct.pack(">I", zlib.crc32(data, zlib.crc32(kind)))
+    check = struct.pack(">I", isal_zlib.crc32(data, isal_zlib.crc32(kind)))
     return b"".join([struct.pack(">I", len(data)), kind, data, check])
 
 

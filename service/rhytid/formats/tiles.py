@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
-from PIL.PngImagePlugin import PngInfo
 
 from rhytid.errors import QueryError
 from rhytid.formats.exr import encode_exr
+from rhytid.formats.png import encode_png
 from rhytid.formats.tile_header import TileHeader
 
 __all__ = ["FORMATS", "Encoded", "TileFormat", "TileHeader", "encode", "quantise"]
@@ -31,11 +30,15 @@ class Encoded:
 
 @dataclass(frozen=True)
 class TileFormat:
-    """How a tile is encoded, and what the result is called."""
+    """How a tile is encoded, and what the result is called.
+
+    compressed: whether encoding takes much longer than copying.
+    """
 
     encode: Callable[[Tile, TileHeader], bytes]
     media_type: str
     extension: str
+    compressed: bool = False
 
 
 def encode(tile: Tile, format: str, header: TileHeader) -> Encoded:
@@ -86,19 +89,15 @@ def _exr16(tile: Tile, header: TileHeader) -> bytes:
 
 
 def _png(tile: Tile, header: TileHeader) -> bytes:
-    notes = PngInfo()
-    for name, value in {**header.attributes(), "scale": header.scale}.items():
-        notes.add_itxt(name, str(value))
-    stream = io.BytesIO()
-    image = Image.fromarray(quantise(tile, header.scale))
-    image.save(stream, "PNG", pnginfo=notes, compress_level=1)  # 6: twice the time, 10 % less
-    return stream.getvalue()
+    notes = {**header.attributes(), "scale": header.scale}
+    texts = {name: str(value) for name, value in notes.items()}
+    return encode_png(quantise(tile, header.scale), texts)
 
 
 FORMATS = {
     "npy": TileFormat(_npy, "application/x-npy", ".npy"),
     "f16": TileFormat(_f16, "application/octet-stream", ".f16"),
-    "exr": TileFormat(encode_exr, "image/x-exr", ".exr"),
-    "exr16": TileFormat(_exr16, "image/x-exr", ".exr"),
-    "png": TileFormat(_png, "image/png", ".png"),
+    "exr": TileFormat(encode_exr, "image/x-exr", ".exr", compressed=True),
+    "exr16": TileFormat(_exr16, "image/x-exr", ".exr", compressed=True),
+    "png": TileFormat(_png, "image/png", ".png", compressed=True),
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,7 @@ from rhytid_lab.commands import check_client
 
 if TYPE_CHECKING:
     from rhytid.device.runtime import Device
+    from rhytid_lab.bench.bake import BakeCost
     from rhytid_lab.bench.comparison import Results
     from rhytid_lab.bench.frame import FrameBench
     from rhytid_lab.bench.service import Latency
@@ -33,6 +34,12 @@ IMPLEMENTATIONS = ("rhytid", "opengl", "numba", "numpy", "opencv")
 SERVICE_HEADER = (
     "method", "clients", "p50 ms", "p99 ms", "tiles/s", "kernel ms", "not kernel"
 )  # fmt: skip
+BAKE_HEADER = (
+    "method", "files", "UDIMs", "kernels s (processor)", "drawn", "written", "bake", "ratio",
+    "work",
+)  # fmt: skip
+# Of a bake whose first ones are not timed.
+LEAST_FRAMES = 5
 HEADER = ("case", "implementation", "seconds", "map copies", "max difference", "note")
 
 
@@ -60,6 +67,8 @@ def add_command(commands: Commands) -> None:
     _add_names(parser, "--implementations", IMPLEMENTATIONS, "by whom")
     service = "time tiles through the service instead, under 1, 8 and 64 clients"
     parser.add_argument("--service", action="store_true", help=service)
+    bake = "time frames of a bake instead, and its kernels and its files alone"
+    parser.add_argument("--bake", action="store_true", help=bake)
     scaling = "draw instead how costs grow with texels, wrinkles, triangles and bins"
     parser.add_argument("--scaling", type=Path, metavar="DIR", help=scaling)
     parser.add_argument("--repeats", type=_count, default=5, metavar="N", help="runs per case")
@@ -73,6 +82,9 @@ def run(arguments: argparse.Namespace) -> None:
     check_client()
     if arguments.scaling is not None:
         _run_scaling(arguments)
+        return
+    if arguments.bake:
+        _run_bake(arguments)
         return
     bench = frame_bench(arguments)
     (_run_service if arguments.service else _run_cases)(bench, arguments)
@@ -106,6 +118,40 @@ def _run_scaling(arguments: argparse.Namespace) -> None:
     }
     write_json(figures, arguments.scaling / "scaling.json")
     report(figures, table(("series", "x", "case", "seconds", "map copies"), rows), arguments.json)
+
+
+def _run_bake(arguments: argparse.Namespace) -> None:
+    from rhytid.support.cores import core_count
+    from rhytid.support.settings import ServiceSettings
+    from rhytid_lab.bench.bake import METHODS, WRITTEN, BakeCost, bake_bench, four_udims
+    from rhytid_lab.commands.bench_skin import frame_settings
+    from rhytid_lab.commands.demo_face import animation
+
+    found = animation(arguments.mesh, ())
+    frames = np.stack([found.frames.read(place) for place in found.frames.places])
+    if len(frames) < LEAST_FRAMES:
+        raise FrameError(f"--bake needs {LEAST_FRAMES} frames or more, {len(frames)} are there")
+    service, costs = ServiceSettings.from_environment(), list[BakeCost]()
+    service = replace(service, device=arguments.device or service.device)
+    for udims in WRITTEN:
+        mesh, moved = (found.mesh, frames) if udims == 1 else four_udims(found.mesh, frames)
+        with bake_bench(service, mesh, moved, frame_settings(arguments)) as bench:
+            wanted = [(method, files) for method in METHODS for files in WRITTEN[udims]]
+            costs += [bench.cost(*one) for one in counted(wanted, f"{udims} UDIM", "case")]
+    figures = {
+        "size": arguments.size,
+        "cores": core_count(),
+        "frames": len(frames),
+        "results": [{**asdict(c), "ratio": c.ratio, "work": c.work} for c in costs],
+    }
+    report(figures, table(BAKE_HEADER, map(_bake_row, costs)), arguments.json)
+
+
+def _bake_row(cost: BakeCost) -> tuple[str, ...]:
+    parts = (cost.kernels, cost.drawn, cost.files, cost.bake)
+    spent = [f"{part.seconds:.3f} ({part.processor:.3f})" for part in parts]
+    ratios = f"{cost.ratio:.2f}", f"{cost.work:.2f}"
+    return cost.method, cost.written, str(cost.udims), *spent, *ratios
 
 
 def _copies(map_copies: float | None) -> str:

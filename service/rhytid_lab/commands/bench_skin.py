@@ -51,7 +51,7 @@ def skin(
     Prints the memory that the bench needs, and raises DeviceMemoryError before any work where there
     is less.
     """
-    settings = _settings(arguments, graph=density(arguments))
+    settings = frame_settings(arguments)
     if arguments.graph is not None:
         graph = graph_file(arguments.graph)
         check_graph(graph, mesh, force=arguments.force)
@@ -64,6 +64,11 @@ def skin(
     with share_bar("synthesis") as show:
         made = synthesize(mesh, settings.graph, device, show)
     return made.graph, settings.resolved(made.spacing)
+
+
+def frame_settings(arguments: argparse.Namespace) -> AssetSettings:
+    """Settings of the frame that the arguments ask for."""
+    return _settings(arguments, graph=density(arguments))
 
 
 def scaled_settings(arguments: argparse.Namespace) -> AssetSettings:

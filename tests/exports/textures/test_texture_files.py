@@ -18,7 +18,14 @@ from rhytid.baking.output import BakeSize, Output
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError, QueryError
 from rhytid.exports.textures import PROFILE_NAMES, writers
-from rhytid.exports.textures.frame_map import Chart, FrameMap, Padding
+from rhytid.exports.textures.frame_map import (
+    Chart,
+    FrameMap,
+    Padding,
+    _nearest_inside,
+    local_edges,
+    texels_inside,
+)
 from rhytid.exports.textures.profiles import PROFILES, profiles_of
 from rhytid.exports.textures.tangents import Posed
 from rhytid.formats.tile_header import TileHeader
@@ -268,7 +275,7 @@ def test_displacement_is_padded_in_every_profile(name: str, tmp_path: Path) -> N
 
 
 def test_padding_is_found_in_parts_of_a_map(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same texels, whatever the number of rows that are searched at once."""
+    """The same texels, whatever the number of texels that are searched at once."""
     mesh = grid_mesh(curved, 3)
     slanting = np.array([[0.5, 0.2], [-0.2, 0.5]])
     mesh = Mesh(mesh.positions, mesh.faces, mesh.uv @ slanting + (0.25, 0.2), mesh.face_uv)
@@ -277,7 +284,7 @@ def test_padding_is_found_in_parts_of_a_map(monkeypatch: pytest.MonkeyPatch) -> 
     near = ndimage.distance_transform_edt(~shown, return_indices=True)
     padded = np.where(near[0] <= PADDED, triangles[tuple(near[1])], len(mesh.faces))
     whole = Padding.of(mesh, 1001, padded.astype(np.int32), PADDED)
-    monkeypatch.setattr("rhytid.exports.textures.frame_map._ROWS", 10)
+    monkeypatch.setattr("rhytid.exports.textures.frame_map._BLOCK", 10)
     parts = Padding.of(mesh, 1001, padded.astype(np.int32), PADDED)
 
     assert len(whole.texels) == ((near[0] > 0) & (near[0] <= PADDED)).sum() > 500
@@ -335,3 +342,46 @@ def test_a_first_triangle_without_area_in_uv_takes_part_in_nothing() -> None:
     wanted = Padding.of(MESH, 1001, shown, PADDED)
     np.testing.assert_array_equal(found.texels, wanted.texels)
     np.testing.assert_array_equal(found.sources, wanted.sources)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_nearest_texels_are_found_in_blocks(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Within reach as in the whole map; what has none within reach takes one of its rows, or is
+    left out where they have none."""
+    monkeypatch.setattr("rhytid.exports.textures.frame_map._BLOCK", 16)
+    random, side, reach = np.random.default_rng(seed), 96, 5
+    inside = random.random((side, side)) < (0.002 if seed % 2 else 0.05)
+    inside[:40] = False
+    outside = ~inside & (random.random((side, side)) < 0.7)
+
+    texels, sources = _nearest_inside(outside, inside, reach)
+
+    assert (np.diff(texels) > 0).all()
+    assert outside.reshape(-1)[texels].all()
+    assert inside.reshape(-1)[sources].all()
+    least = ndimage.distance_transform_edt(~inside)
+    for top in range(0, side, 16):  # of the rows around a block, where there are any
+        rows = slice(max(top - reach, 0), top + 16 + reach)
+        if inside[rows].any():
+            around = ndimage.distance_transform_edt(~inside[rows])
+            least[top : top + 16] = around[top - rows.start : top - rows.start + 16]
+    found = np.hypot(*(np.stack(np.divmod(texels, side)) - np.stack(np.divmod(sources, side))))
+    np.testing.assert_allclose(found, least.reshape(-1)[texels])
+    assert set(np.flatnonzero(outside & (least <= reach))) <= set(texels)
+    assert not len(texels) or texels.min() >= 16 * side  # rows that have one only far below
+
+
+def test_whether_texels_are_inside_is_that_of_each_texel() -> None:
+    """Texels of one triangle in a row are decided by the first and the last of them."""
+    triangles = np.random.default_rng(3).integers(0, len(MESH.faces), (SIDE, SIDE // 8))
+    mixed = np.repeat(triangles, 8, axis=1).astype(np.int32)
+    edges = local_edges(MESH, 1001)
+    for given in (mixed, np.minimum(all_triangles(MESH, SIDE), len(MESH.faces) - 1)):
+        first, along, across = np.moveaxis(edges[given], 2, 0)
+        column, row = np.meshgrid(np.arange(SIDE) + 0.5, np.arange(SIDE) + 0.5)
+        place = np.stack([column / SIDE, 1 - row / SIDE], axis=-1) - first
+        area = along[..., 0] * across[..., 1] - along[..., 1] * across[..., 0]
+        second = (place[..., 0] * across[..., 1] - place[..., 1] * across[..., 0]) / area
+        third_ = (place[..., 1] * along[..., 0] - place[..., 0] * along[..., 1]) / area
+        wanted = np.minimum(1 - second - third_, np.minimum(second, third_)) >= -1e-4
+        np.testing.assert_array_equal(texels_inside(given, edges), wanted)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from fastapi import APIRouter, Query, Request, Response
@@ -26,6 +26,7 @@ from rhytid.api.dependencies import (
 from rhytid.api.documentation import POSITIONS, TILES, TILES_ONCE, problems
 from rhytid.api.encoding import TEXEL, WORKING, answer, check_format, scale_header, warnings_header
 from rhytid.api.multipart import MixedPart, mixed_response
+from rhytid.api.quick_route import TileRoute
 from rhytid.api.schemas import TileQuery, TilesQuery, WholeMapQuery
 from rhytid.device.figures import working_on
 from rhytid.domain.tiles import MapAddress, TileAddress
@@ -39,11 +40,16 @@ from rhytid.formats.tiles import encode
 # One answer holds no more texels than the largest map has.
 TEXELS = 16384**2
 FAULTS = problems(404, 409, 422, 503, 507)
-router = APIRouter(prefix="/v1/assets/{asset}", tags=["tiles"], dependencies=[NoRepeats])
+_ROUTES: dict[str, Any] = {
+    "prefix": "/v1/assets/{asset}", "tags": ["tiles"], "dependencies": [NoRepeats]
+}  # fmt: skip
+tile_router = APIRouter(**_ROUTES, route_class=TileRoute)
+router = APIRouter(**_ROUTES)
 
 
-@router.head("/frames/{frame}/tiles/{udim}/{level}/{row}/{column}", include_in_schema=False)
-@router.get(
+# `TileRoute` answers plain requests without this.
+@tile_router.head("/frames/{frame}/tiles/{udim}/{level}/{row}/{column}", include_in_schema=False)
+@tile_router.get(
     "/frames/{frame}/tiles/{udim}/{level}/{row}/{column}",
     operation_id="getTile",
     response_class=Response,

@@ -16,12 +16,13 @@ import numpy as np
 from tqdm import tqdm  # type: ignore[import-untyped]
 
 from rhytid.baking.assets import stored
-from rhytid.baking.baker import Baker, Geometry
+from rhytid.baking.baker import Baker
 from rhytid.baking.farm.chunks import Chunk
 from rhytid.baking.frame_names import FramePlace, FrameRange
 from rhytid.baking.frames import FrameFiles, frame_sources
 from rhytid.baking.input_files import mesh_file
 from rhytid.baking.inputs import BakeInputs
+from rhytid.baking.map_sources import Geometry
 from rhytid.baking.output import Output
 from rhytid.baking.request import BakeRequest
 from rhytid.baking.run_warnings import RunWarnings
@@ -60,6 +61,7 @@ class WorkerJob:
     out: str
     name: str
     profiles: tuple[str, ...]
+    compression: str
     geometry: str | None
     subdivide: int
     query: MapQuery
@@ -88,6 +90,7 @@ class WorkerJob:
             out=str(request.out.resolve()),
             name=inputs.name,
             profiles=tuple(profile.name for profile in request.profiles),
+            compression=request.compression,
             geometry=request.geometry,
             subdivide=request.subdivide,
             query=baker.query,
@@ -171,7 +174,7 @@ class BakeSession:
         with use_verbosity(_SILENT):
             places = baker.output.places(baker.frames.places)
             job.check_frames(places)
-            baker.write(_reporting(places, done))
+            baker.write(places, _reporting(places, done))
         return ChunkReport(baker.written, baker.skipped, tuple(warnings.found), watch.seconds)
 
     def close(self) -> None:
@@ -185,7 +188,7 @@ class BakeSession:
         frames = FrameFiles(file, job.frames if job.files else [], job.clip)
         asset = stored(self._engine, job.asset, file.mesh)
         geometry = Geometry(file.mesh, job.geometry, job.subdivide) if job.geometry else None
-        output = Output(Path(job.out), job.name, profiles_of([*job.profiles]))
+        output = Output(Path(job.out), job.name, profiles_of([*job.profiles], job.compression))
         warnings = UnprintedWarnings("bake", job.strict, job.allow)
         return Baker(
             self._engine,

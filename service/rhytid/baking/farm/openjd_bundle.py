@@ -97,6 +97,7 @@ def _options(request: BakeRequest) -> list[str]:
     """Options of `rhytid bake` that are the same in every task."""
     words = ["--stretch", request.query.stretch, "--sampling", request.query.sampling]
     words += ["--profile", *(profile.name for profile in request.profiles)]
+    words += ["--compression", request.compression]
     words += ["--fps", repr(request.clip.fps)]
     for name, value in (("prim", request.clip.prim), ("clip", request.clip.clip)):
         if value is not None and "{{" in value:

@@ -25,6 +25,7 @@ from rhytid.errors import NotFoundError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.pipeline.bins import HEADROOM
 from rhytid.pipeline.reach import SCALE_LIMIT
+from rhytid.pipeline.work import Square
 from rhytid.support.build_identity import drawing_version
 
 
@@ -105,6 +106,19 @@ class TileService(Tiles):
         found = self._assets.get(asset)
         found.check_address(TileAddress(udim, 0, 0, 0))
         return self._on_device.use(found, lambda resident: resident.mesh.cushion_triangles(udim))
+
+    def draw_unread(self, asset: str, frame: str, query: MapQuery, udim: int) -> None:
+        """Draw a whole level 0 as `draw` does and leave it on the device, to measure that. Raises
+        what `plan` does."""
+        found = self._assets.get(asset)
+        drawn, whole = found.frame(frame), (0, 0, found.settings.resolution)
+
+        def piece(place: Square, resident: DeviceAsset) -> None:
+            with resident.finest.parts(drawn, query, udim, place):
+                resident.mesh.device.finish()
+
+        for place in self._on_device.loaded(found).levels.pieces(query, udim, 0, whole):
+            self._on_device.use(found, partial(piece, place))
 
     @override
     def bins(self, asset: str) -> BinManifest:

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from rhytid.domain.tiles import udim_origin
 from rhytid.errors import MeshError
 from rhytid.exports.textures.tangents import Posed
 from rhytid.formats.tile_header import TileHeader
+from rhytid.support.cores import on_all_cores
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -31,8 +33,8 @@ Facts = dict[str, str | int | float]
 TEXELS = 1 << 18
 # Tolerance of a barycentric weight: the device looks up with UV that are rounded to float32.
 _ROUNDED = 1e-4
-# Rows that are searched at once, beside the margin on both sides.
-_ROWS = 256
+# Texels a side of what is searched at once, beside the margin around it.
+_BLOCK = 256
 # The values are data, not colours: the attribute of OpenEXR, and in plain words.
 _RAW: Facts = {"colour_space": "raw", "colorInteropID": "data"}
 
@@ -65,13 +67,13 @@ class FrameMap:
         return self.chart().padded(self.heights())
 
 
-def attributes(header: TileHeader, facts: Facts, values: NDArray[Any]) -> Facts:
+def attributes(header: TileHeader, facts: Facts, minimum: float, maximum: float) -> Facts:
     """The attributes that are written beside the texels.
 
-    facts: of the profile, `scale` among them.  values: those that the texels stand for; their
-    `minimum` and `maximum` become attributes.
+    facts: of the profile, `scale` among them.  minimum, maximum: of the values that the texels
+    stand for.
     """
-    ends = {"minimum": float(values.min()), "maximum": float(values.max())}
+    ends = {"minimum": float(minimum), "maximum": float(maximum)}
     return {**header.attributes(), **facts, **ends, **_RAW}
 
 
@@ -128,8 +130,8 @@ class Chart:
 class Padding:
     """Which texels of a map take the displacement of which others: found once per asset.
 
-    texels, sources: (K,) numbers, row by row. They are few, along the borders, so that an asset of
-    many UDIMs can keep them all.
+    texels, sources: (K,) numbers, row by row, `texels` in ascending order. They are few, along the
+    borders, so that an asset of many UDIMs can keep them all.
     """
 
     texels: NDArray[np.int32]
@@ -144,15 +146,18 @@ class Padding:
         """
         shown = triangles < len(mesh.faces)
         inside = texels_inside(np.where(shown, triangles, 0), local_edges(mesh, udim)) & shown
-        found = list(_nearest_inside(shown & ~inside, inside, reach + 1))
-        texels = [texel for texel, _ in found] or [np.zeros(0, np.int32)]
-        sources = [source for _, source in found] or [np.zeros(0, np.int32)]
-        return cls(np.concatenate(texels), np.concatenate(sources))
+        return cls(*_nearest_inside(shown & ~inside, inside, reach + 1))
 
     def padded(self, heights: NDArray[np.float32]) -> NDArray[np.float32]:
         """A copy of a map (R, R) in which each of `texels` has the value of its source."""
-        out: NDArray[np.float32] = heights.copy()
-        out.reshape(-1)[self.texels] = heights.reshape(-1)[self.sources]
+        return self.rows(heights, 0, len(heights))
+
+    def rows(self, heights: NDArray[np.float32], start: int, stop: int) -> NDArray[np.float32]:
+        """Rows `start` to `stop` of `padded(heights)`."""
+        side = heights.shape[1]
+        out: NDArray[np.float32] = heights[start:stop].copy()
+        part = slice(*np.searchsorted(self.texels, [start * side, stop * side]))
+        out.reshape(-1)[self.texels[part] - start * side] = heights.reshape(-1)[self.sources[part]]
         return out
 
 
@@ -166,14 +171,31 @@ def local_edges(mesh: Mesh, udim: int) -> FloatArray:
 def texels_inside(triangles: NDArray[np.int32], uv_edges: FloatArray) -> NDArray[np.bool_]:
     """(R, R) whether the centre of each texel lies in its triangle (R, R)."""
     side = len(triangles)
-    found = np.zeros((side, side), np.bool_)
     rows = max(TEXELS // side, 1)
-    for start in range(0, side, rows):
-        part = slice(start, min(start + rows, side))
-        every = np.ones((part.stop - start, side), np.bool_)
-        least = _barycentric(triangles, uv_edges, part, every).min(axis=1)
-        found[part] = (least >= -_ROUNDED).reshape(-1, side)
-    return found
+    parts = [slice(start, min(start + rows, side)) for start in range(0, side, rows)]
+    return np.concatenate([*on_all_cores(partial(_rows_inside, triangles, uv_edges), parts)])
+
+
+def _rows_inside(
+    triangles: NDArray[np.int32], uv_edges: FloatArray, rows: slice
+) -> NDArray[np.bool_]:
+    """Of some rows. A weight is linear along a row, so texels of one triangle that follow one
+    another are inside where the first and the last are."""
+    here = triangles[rows]
+    first, last = np.ones(here.shape, np.bool_), np.ones(here.shape, np.bool_)
+    first[:, 1:] = last[:, :-1] = here[:, 1:] != here[:, :-1]
+    inside, ends = np.zeros(here.shape, np.bool_), first | last
+
+    def find(where: NDArray[np.bool_]) -> None:
+        least = _barycentric(triangles, uv_edges, rows, where).min(axis=1)
+        inside[where] = least >= -_ROUNDED
+
+    find(ends)
+    whole = inside[first] & inside[last]
+    counts = np.flatnonzero(last) - np.flatnonzero(first) + 1
+    inside = np.repeat(whole, counts).reshape(here.shape)
+    find(~inside)
+    return inside
 
 
 def _barycentric(
@@ -194,32 +216,78 @@ def _barycentric(
 
 def _nearest(known: NDArray[np.bool_]) -> NDArray[np.int32]:
     """(R, R) the number of the nearest texel that is known, row by row."""
-    row, column = ndimage.distance_transform_edt(
-        ~known, return_distances=False, return_indices=True
-    ).astype(np.int32)
+    row, column = _nearest_places(known)
     found: NDArray[np.int32] = row * np.int32(known.shape[1]) + column
     return found
 
 
 def _nearest_inside(
     outside: NDArray[np.bool_], inside: NDArray[np.bool_], reach: int
-) -> Iterator[tuple[NDArray[np.int32], NDArray[np.int32]]]:
-    """Numbers of texels that are outside, and of the nearest ones inside, some rows at a time: a
-    search of the whole map takes 12 bytes a texel. Where none is within reach of the rows, the
-    texel is left out."""
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Numbers of texels that are outside, in ascending order, and of the nearest ones inside.
+
+    Blocks are searched where there are such texels; a search of the whole map takes 12 bytes a
+    texel. What has none within reach takes the nearest one of some rows around it; where those have
+    none either, it is left out.
+    """
     side = len(outside)
-    for start in range(0, side, _ROWS):
-        row, column = np.nonzero(outside[start : start + _ROWS])
+    starts = range(0, side, _BLOCK)
+    blocks = [(row, column) for row in starts for column in starts]
+    search = partial(_nearest_of_block, outside, inside, reach)
+    near = [found for found in on_all_cores(search, blocks) if found is not None]
+    texel = np.concatenate([np.zeros(0, np.int64), *(found[0] for found in near)])
+    source = np.concatenate([np.zeros(0, np.int64), *(found[1] for found in near)])
+    left = outside.copy()
+    left.reshape(-1)[texel] = False
+    far = [*_nearest_of_rows(left, inside, reach)]
+    texel = np.concatenate([texel, *(found[0] for found in far)])
+    source = np.concatenate([source, *(found[1] for found in far)])
+    order = np.argsort(texel)
+    return texel[order].astype(np.int32), source[order].astype(np.int32)
+
+
+def _nearest_of_block(
+    outside: NDArray[np.bool_], inside: NDArray[np.bool_], reach: int, block: tuple[int, int]
+) -> tuple[IntArray, IntArray] | None:
+    """Of the texels of a block, those that have a nearest one within reach."""
+    side, (top, left) = len(outside), block
+    row, column = np.nonzero(outside[top : top + _BLOCK, left : left + _BLOCK])
+    first_row, first_column = max(top - reach, 0), max(left - reach, 0)
+    near = inside[first_row : top + _BLOCK + reach, first_column : left + _BLOCK + reach]
+    if not len(row) or not near.any():
+        return None
+    rows, columns = _nearest_places(near)
+    here = row + (top - first_row), column + (left - first_column)
+    to = rows[here].astype(np.int64), columns[here].astype(np.int64)
+    close = (to[0] - here[0]) ** 2 + (to[1] - here[1]) ** 2 <= reach**2
+    texel = (row + top) * side + column + left
+    source = (to[0] + first_row) * side + to[1] + first_column
+    return texel[close], source[close]
+
+
+def _nearest_of_rows(
+    outside: NDArray[np.bool_], inside: NDArray[np.bool_], reach: int
+) -> Iterator[tuple[IntArray, IntArray]]:
+    """Of the texels of some rows at a time, in whole rows and a margin around them."""
+    side = len(outside)
+    for start in range(0, side, _BLOCK):
+        row, column = np.nonzero(outside[start : start + _BLOCK])
         first = max(start - reach, 0)
-        near = inside[first : start + _ROWS + reach]
+        near = inside[first : start + _BLOCK + reach]
         if not len(row) or not near.any():
             continue
-        rows, columns = ndimage.distance_transform_edt(
-            ~near, return_distances=False, return_indices=True
-        )
+        rows, columns = _nearest_places(near)
         here = row + (start - first), column
         source = (rows[here].astype(np.int64) + first) * side + columns[here]
-        yield ((row + start) * side + column).astype(np.int32), source.astype(np.int32)
+        yield (row + start) * side + column, source
+
+
+def _nearest_places(known: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """(2, h, w) row and column of the nearest texel that is known."""
+    found: NDArray[np.int32] = ndimage.distance_transform_edt(
+        ~known, return_distances=False, return_indices=True
+    )
+    return found
 
 
 def _islands(mesh: Mesh) -> IntArray:

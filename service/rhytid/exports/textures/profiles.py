@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from rhytid.errors import QueryError
 from rhytid.exports.textures import writers
 from rhytid.exports.textures.frame_map import Facts, FrameMap
 from rhytid.exports.textures.writers import image_library
+from rhytid.formats.exr_encoder import renamed as exr_renamed
+from rhytid.formats.png import renamed as png_renamed
 
 _UDIM_FIRST, _FRAME_FIRST = "{udim}.{frame}", "{frame}.{udim}"
 
@@ -20,10 +23,12 @@ class Profile:
 
     key: identifies the bytes that it writes of a map: a change of the writer needs another key.
     extension: with its dot.  middle: between NAME and extension.  texel_bytes: before compression.
-    write: draws and writes one file, whole or not at all.  facts: for readers of the files, the
+    write: draws and writes one file, whole or not at all.  packed: whether `--compression` is for
+    it.  facts: for readers of the files, the
     same for all files of an asset.  described: whether the facts are in a file beside them, too.
     drawn: whether it shows displacement, and not only the stretch of the frame.  posed: whether it
-    reads the positions of the frame, too.  tiled: whether it needs OpenImageIO.
+    reads the positions of the frame, too.  tiled: whether it needs OpenImageIO.  renamed: a file
+    with another text for one of its attributes; None where there is no quick way.
     """
 
     name: str
@@ -34,9 +39,11 @@ class Profile:
     write: Callable[[Path, FrameMap, Facts], None]
     facts: Callable[[FrameMap], Facts]
     described: bool = True
+    packed: bool = False
     drawn: bool = True
     posed: bool = False
     tiled: bool = False
+    renamed: Callable[[bytes, str, str], list[bytes]] | None = exr_renamed
 
     def file_name(self, name: str, udim: int, frame: str) -> str:
         """The name of one file."""
@@ -50,6 +57,14 @@ class Profile:
         """The facts of the profile, with its name."""
         return {"profile": self.name, **self.facts(drawn)}
 
+    def compressed(self, compression: str) -> Profile:
+        """The profile with a compression, where it has a choice of them; `zip` is the usual one."""
+        if not self.packed or compression == "zip":
+            return self
+        write: Callable[..., None] = self.write
+        key = f"{self.key}-{compression}"
+        return replace(self, key=key, write=partial(write, compression=compression))
+
     def check(self) -> None:
         """Raise InputError where a library that the profile needs is missing."""
         if self.tiled:
@@ -59,47 +74,49 @@ class Profile:
 _MIPMAPPED = 4.0 * 4.0 / 3.0
 _ALL = (
     Profile(
-        "float", "single-1", ".exr", _UDIM_FIRST, 4.0,
-        writers.write_float, writers.plain_facts, described=False,
+        "float", "single-2", ".exr", _UDIM_FIRST, 4.0,
+        writers.write_float, writers.plain_facts, described=False, packed=True,
     ),
     Profile(
-        "half", "half-1", ".exr", _UDIM_FIRST, 2.0,
-        writers.write_half, writers.plain_facts, described=False,
+        "half", "half-2", ".exr", _UDIM_FIRST, 2.0,
+        writers.write_half, writers.plain_facts, described=False, packed=True,
     ),
     Profile(
-        "png16", "png16-2", ".png", f"png16.{_UDIM_FIRST}", 2.0,
-        writers.write_png16, writers.png16_facts,
+        "png16", "png16-3", ".png", f"png16.{_UDIM_FIRST}", 2.0,
+        writers.write_png16, writers.png16_facts, renamed=png_renamed,
     ),
     Profile(
-        "normal-gl", "normal-gl-2", ".png", f"normal-gl.{_UDIM_FIRST}", 6.0,
-        writers.write_normals, writers.normal_gl_facts, posed=True,
+        "normal-gl", "normal-gl-3", ".png", f"normal-gl.{_UDIM_FIRST}", 6.0,
+        writers.write_normals, writers.normal_gl_facts, posed=True, renamed=png_renamed,
     ),
     Profile(
-        "normal-dx", "normal-dx-2", ".png", f"normal-dx.{_FRAME_FIRST}", 6.0,
-        writers.write_normals, writers.normal_dx_facts, posed=True,
+        "normal-dx", "normal-dx-3", ".png", f"normal-dx.{_FRAME_FIRST}", 6.0,
+        writers.write_normals, writers.normal_dx_facts, posed=True, renamed=png_renamed,
     ),
     Profile(
-        "cavity", "cavity-1", ".png", f"cavity.{_FRAME_FIRST}", 1.0,
-        writers.write_cavity, writers.cavity_facts,
+        "cavity", "cavity-2", ".png", f"cavity.{_FRAME_FIRST}", 1.0,
+        writers.write_cavity, writers.cavity_facts, renamed=png_renamed,
     ),
     Profile(
-        "weights", "weights-1", ".png", f"weights.{_FRAME_FIRST}", 3.0,
-        writers.write_weights, writers.weight_facts, drawn=False, posed=True,
+        "weights", "weights-2", ".png", f"weights.{_FRAME_FIRST}", 3.0,
+        writers.write_weights, writers.weight_facts, drawn=False, posed=True, renamed=png_renamed,
     ),
     Profile(
         "mip", "mip-1", ".exr", f"mip.{_UDIM_FIRST}", _MIPMAPPED,
-        writers.write_mipmapped, writers.plain_facts, described=False, tiled=True,
+        writers.write_mipmapped, writers.plain_facts, described=False, tiled=True, renamed=None,
     ),
     Profile(
         "tx", "tx-1", ".tx", _UDIM_FIRST, _MIPMAPPED,
-        writers.write_mipmapped, writers.plain_facts, described=False, tiled=True,
+        writers.write_mipmapped, writers.plain_facts, described=False, tiled=True, renamed=None,
     ),
 )  # fmt: skip
 PROFILES: Mapping[str, Profile] = {profile.name: profile for profile in _ALL}
 
 
-def profiles_of(names: list[str]) -> tuple[Profile, ...]:
+def profiles_of(names: list[str], compression: str = "zip") -> tuple[Profile, ...]:
     """The profiles of these names, each once, in the order of the table.
+
+    compression: one of COMPRESSIONS, of the profiles float and half.
 
     Raises QueryError for an unknown name and where two would write the same files, InputError where
     a library is missing.
@@ -107,7 +124,7 @@ def profiles_of(names: list[str]) -> tuple[Profile, ...]:
     for name in names:
         if name not in PROFILES:
             raise QueryError(f"profile {name!r:.40}: one of {', '.join(PROFILES)}")
-    found = tuple(profile for profile in _ALL if profile.name in names)
+    found = tuple(profile.compressed(compression) for profile in _ALL if profile.name in names)
     patterns = [profile.pattern("NAME") for profile in found]
     for number, pattern in enumerate(patterns):
         if (first := patterns.index(pattern)) != number:

@@ -11,7 +11,8 @@ Tiled, mipmapped OpenEXR is written through OpenImageIO, with levels that are gi
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +26,10 @@ from rhytid.errors import InputError, StorageError
 from rhytid.exports.meshes import welded
 from rhytid.exports.textures.frame_map import TEXELS, Chart, Facts, FrameMap, attributes
 from rhytid.exports.textures.tangents import FloatArray, Posed, dot, unit
-from rhytid.formats.exr import Texels, exr_file
+from rhytid.formats.exr_encoder import Texels, exr_body, exr_parts
 from rhytid.formats.png import encode_png
 from rhytid.formats.tiles import quantise
-from rhytid.support.atomic_files import atomic_write, write_file
+from rhytid.support.atomic_files import atomic_write, storage_error_class, write_file
 
 Codes = NDArray[np.uint8] | NDArray[np.uint16]
 FloatMap = NDArray[np.float32]
@@ -81,32 +82,43 @@ def weight_facts(map: FrameMap) -> Facts:
     return {"scale": FULL, "midlevel": 0.0, "red": "stretch", "green": "compression"}
 
 
-def write_float(path: Path, map: FrameMap, facts: Facts) -> None:
+def write_float(path: Path, map: FrameMap, facts: Facts, compression: str = "zip") -> None:
     """Write OpenEXR of floats, padded next to islands."""
-    heights = map.bordered()
-    write_exr(path, heights, attributes(map.header, facts, heights))
+    _write_bordered(path, map, facts, "float32", compression)
 
 
-def write_half(path: Path, map: FrameMap, facts: Facts) -> None:
+def write_half(path: Path, map: FrameMap, facts: Facts, compression: str = "zip") -> None:
     """Write OpenEXR of half floats, padded next to islands."""
-    heights = map.bordered().astype(np.float16)
-    write_exr(path, heights, attributes(map.header, facts, heights))
+    _write_bordered(path, map, facts, "float16", compression)
+
+
+def _write_bordered(path: Path, map: FrameMap, facts: Facts, dtype: str, compression: str) -> None:
+    heights, padding = map.heights(), map.padding()
+    rows = partial(padding.rows, heights)
+    body = exr_body(rows, (len(heights), heights.shape[1]), dtype, compression)
+    write_parts(path, body.parts(attributes(map.header, facts, body.minimum, body.maximum)))
 
 
 def write_exr(path: Path, texels: Texels, attributes: Mapping[str, str | int | float]) -> None:
     """Write a map (h, w) to `path` as OpenEXR, whole or not at all; raises StorageError."""
+    write_parts(path, exr_parts(texels, attributes))
+
+
+def write_parts(path: Path, parts: Iterable[bytes]) -> None:
+    """Write a file that comes in parts, whole or not at all; raises StorageError."""
     try:
-        with atomic_write(path) as aside:
-            exr_file(texels, attributes).write(str(aside))
-    except (OSError, RuntimeError) as exc:
-        raise StorageError(f"cannot write an EXR file: {exc}") from exc
+        with atomic_write(path) as aside, aside.open("xb") as file:
+            file.writelines(parts)
+    except OSError as exc:
+        raise storage_error_class(exc)(f"cannot write an EXR file: {exc}") from exc
 
 
 def write_mipmapped(path: Path, map: FrameMap, facts: Facts) -> None:
     """Write OpenEXR of floats in tiles, with levels; padded."""
     heights = map.padded()
     with atomic_write(path) as aside:
-        write_tiled(aside, levels_of(heights), attributes(map.header, facts, heights))
+        ends = heights.min(), heights.max()
+        write_tiled(aside, levels_of(heights), attributes(map.header, facts, *ends))
 
 
 def write_png16(path: Path, map: FrameMap, facts: Facts) -> None:
@@ -152,7 +164,8 @@ def _png(
     values: NDArray[Any],
     linear: bool = False,
 ) -> None:
-    texts = {name: str(v) for name, v in attributes(map.header, facts, values).items()}
+    ends = values.min(), values.max()
+    texts = {name: str(v) for name, v in attributes(map.header, facts, *ends).items()}
     with atomic_write(path) as aside:
         write_file(aside, encode_png(codes, texts, linear))
 

@@ -1,0 +1,71 @@
+"""The route of a tile, without what FastAPI does to find out what a handler asks for.
+
+Solving its dependencies and reading its query by a model take more of the processor than all else
+that the server does with a small request, and a tile is asked for more often than anything else.
+The route stays one of FastAPI: in the OpenAPI document, in the table of scopes, and for every
+request that is not plainly right, which the usual handler refuses or answers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from fastapi import Request, Response
+from fastapi.routing import APIRoute
+from starlette.concurrency import run_in_threadpool
+
+from rhytid.api.access import guard
+from rhytid.api.dependencies import drawing_of
+from rhytid.api.encoding import answer
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.messages import MapQuery
+
+_ADDRESS = ("udim", "level", "row", "column")
+# As `TileQuery` has them.
+_QUERY = {"method": "redraw", "stretch": "tensor", "sampling": "nearest", "format": "npy"}
+# Digits of a number that is surely in the range of the route.
+_DIGITS = 9
+
+Handler = Callable[[Request], Coroutine[Any, Any, Response]]
+
+
+class TileRoute(APIRoute):
+    """Answers plain requests for a tile itself."""
+
+    def get_route_handler(self) -> Handler:
+        """See FastAPI, "Custom Request and APIRoute class"."""
+        usual = super().get_route_handler()
+
+        async def handler(request: Request) -> Response:
+            place, query = _address(request), _query(request)
+            if place is None or query is None:
+                return await usual(request)
+            await guard(request)
+            path, drawing = request.path_params, await drawing_of(request)
+            wanted = query["format"], drawing, path["asset"], path["frame"]
+
+            def draw() -> Response:
+                asked = MapQuery(query["method"], query["stretch"], query["sampling"])
+                return answer(request, *wanted, asked, place)
+
+            return await run_in_threadpool(draw)
+
+        return handler
+
+
+def _address(request: Request) -> TileAddress | None:
+    """The address in the path; None where one of its numbers is not plain."""
+    texts = [request.path_params[name] for name in _ADDRESS]
+    if not all(text.isascii() and text.isdigit() and len(text) <= _DIGITS for text in texts):
+        return None
+    return TileAddress(*map(int, texts))
+
+
+def _query(request: Request) -> dict[str, str] | None:
+    """The query; None where it has something else, or something twice."""
+    given = request.query_params.multi_items()
+    found = dict(given)
+    if len(found) != len(given) or not found.keys() <= _QUERY.keys():
+        return None
+    return {**_QUERY, **found}

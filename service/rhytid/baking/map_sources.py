@@ -1,0 +1,132 @@
+"""What the files of a bake are made from: surfaces of frames, maps, and displaced surfaces."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.mesh import Mesh
+from rhytid.engine.messages import AssetInfo
+from rhytid.exports.displaced import Subdivided
+from rhytid.exports.meshes import mesh_format
+from rhytid.exports.textures.frame_map import Chart, FrameMap, Padding
+from rhytid.exports.textures.tangents import Posed
+from rhytid.exports.textures.writers import corner_weights
+from rhytid.support.atomic_files import atomic_write, write_file
+
+if TYPE_CHECKING:
+    from rhytid.engine.engine import Engine
+    from rhytid.engine.messages import TilePlan
+
+T = TypeVar("T")
+Texels = NDArray[np.float32]
+# Of the digest of a frame, in keys of files.
+_DIGITS = 16
+
+
+def once(make: Callable[[], T]) -> Callable[[], T]:
+    """A function that calls `make` the first time and then returns the same; safe from any thread,
+    the others wait for the first."""
+    lock = threading.Lock()
+    made: list[T] = []
+
+    def found() -> T:
+        with lock:
+            if not made:
+                made.append(make())
+            return made[0]
+
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSurface:
+    """The surface of one frame; each part is computed when it is first called, once.
+
+    positions: (V, 3).  digest: 16 hex digits that name the positions.  ratios: (F, 2) of stretch.
+    `digest` and `ratios` ask the engine, which must hold the frame.  posed: the mesh in the frame,
+    for normal maps.  weights: stretch as weights of corners. Both are safe from any thread.
+    """
+
+    positions: NDArray[np.float32]
+    digest: Callable[[], str]
+    ratios: Callable[[], NDArray[np.float32]]
+    posed: Callable[[], Posed]
+    weights: Callable[[], NDArray[np.float64]]
+
+
+class MapSources:
+    """Makes the maps of an asset from its mesh and its frames.
+
+    Charts are kept, 10 bytes per texel of each UDIM, and so are paddings, which are small. Safe
+    from any thread.
+    """
+
+    def __init__(self, engine: Engine, asset: AssetInfo, mesh: Mesh) -> None:
+        self._engine, self._asset, self._mesh = engine, asset, mesh
+        self._depth = float(asset.settings["depth"] or 0.0)
+        self._reach = int(asset.settings["padding"])
+        charts = {udim: once(partial(self._found_chart, udim)) for udim in asset.udims}
+        paddings = {udim: once(partial(self._found_padding, udim)) for udim in asset.udims}
+        self._charts, self._paddings = charts, paddings
+
+    def surface(self, frame: str, positions: NDArray[np.float32]) -> FrameSurface:
+        """The surface of a frame that the engine holds.  positions: (V, 3)."""
+        engine, asset, mesh = self._engine, self._asset.id, self._mesh
+        ratios = once(lambda: engine.frames.stretch(asset, frame).ratios)
+        return FrameSurface(
+            positions,
+            once(lambda: engine.frames.digest(asset, frame)[:_DIGITS]),
+            ratios,
+            once(lambda: Posed.of(mesh, positions)),
+            once(lambda: corner_weights(mesh, ratios())),
+        )
+
+    def map(
+        self, surface: FrameSurface, plan: TilePlan, heights: Callable[[], NDArray[np.float32]]
+    ) -> FrameMap:
+        """The map of a plan.  heights: draws its displacement."""
+        udim = plan.header.udim
+        return FrameMap(
+            plan.header,
+            self._depth,
+            heights,
+            self._paddings[udim],
+            self._charts[udim],
+            surface.posed,
+            surface.weights,
+        )
+
+    def _found_chart(self, udim: int) -> Chart:
+        return Chart.of(self._mesh, udim, self._triangles(udim))
+
+    def _found_padding(self, udim: int) -> Padding:
+        return Padding.of(self._mesh, udim, self._triangles(udim), self._reach)
+
+    def _triangles(self, udim: int) -> NDArray[np.int32]:
+        return self._engine.tiles.triangles(self._asset.id, udim)
+
+
+class Geometry:
+    """Displaced surfaces of a mesh, each of whose triangles is cut in four `levels` times.
+
+    format: `glb` or `ply`.  words: what makes these surfaces differ from others of the same maps.
+    """
+
+    def __init__(self, mesh: Mesh, format: str, levels: int) -> None:
+        self.format, self.words = format, f"{format} {levels} padded"
+        self._cut = Subdivided.of(mesh, levels)
+
+    def write(self, file: Path, positions: NDArray[np.float32], maps: Mapping[int, Texels]) -> None:
+        """Write the surface of a frame; the file appears when it is complete.  positions: (V, 3).
+        maps: displacement by UDIM."""
+        data = mesh_format(self.format).write(self._cut.moved(positions, maps))
+        with atomic_write(file) as aside:
+            write_file(aside, data)

@@ -1,0 +1,189 @@
+"""Frames are drawn while others are written, and what is drawn twice is written once."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from baking.fake_engine import FakeEngine
+from baking.test_baking_resume import SQUARE, bake, baker, maps
+from exports.textures.reading import read_texture
+from rhytid.baking.baker import Baker
+from rhytid.baking.map_sources import Geometry, once
+from rhytid.engine.byte_budget import ByteBudget
+from rhytid.errors import StorageError
+from rhytid.exports.textures.profiles import PROFILES
+from rhytid.formats.exr import read_exr
+
+FRAMES = [0.25, 0.5, 0.75, 1.0, 1.25]
+UDIMS = (1001, 1002)
+PATIENCE = 20.0
+
+
+@pytest.fixture
+def engine() -> FakeEngine:
+    return FakeEngine()
+
+
+def with_writer(engine: FakeEngine, folder: Path, write: Any, **changes: Any) -> Baker:
+    """A baker whose maps are written by `write`, after which the usual writer writes them."""
+    made = baker(engine, folder, FRAMES, **changes)
+    plain = PROFILES["float"]
+
+    def both(path: Path, *rest: Any) -> None:
+        write(path)
+        plain.write(path, *rest)
+
+    made.output = replace(made.output, profiles=(replace(plain, write=both),))
+    return made
+
+
+def test_frames_are_drawn_while_the_first_is_written(engine: FakeEngine, tmp_path: Path) -> None:
+    def write(path: Path) -> None:
+        if path.name == "face.1001.0001.exr":
+            wait_until(lambda: ("0003", 1002) in engine.drawn)
+
+    with_writer(engine, tmp_path, write).run()
+
+    assert len(maps(tmp_path)) == len(FRAMES) * len(UDIMS)
+
+
+def test_no_more_wait_than_there_are_bytes_for(engine: FakeEngine, tmp_path: Path) -> None:
+    engine.memory = ByteBudget(1, "RHYTID_HOST_MEMORY_MB")
+    drawn = []
+
+    with_writer(engine, tmp_path, lambda path: drawn.append(len(engine.drawn))).run()
+
+    assert drawn == [*range(1, len(FRAMES) * len(UDIMS) + 1)]
+
+
+def test_a_frame_is_done_when_its_files_are_there(engine: FakeEngine, tmp_path: Path) -> None:
+    made = baker(engine, tmp_path, FRAMES)
+    places = made.output.places(made.frames.places)
+
+    def shown() -> Iterator[Any]:
+        for place in places:
+            yield place
+            for udim in UDIMS:
+                assert made.output.file(PROFILES["float"], udim, place).is_file()
+
+    made.write(places, shown())
+    assert made.written == len(FRAMES) * len(UDIMS)
+
+
+def test_a_surface_is_written_with_memory_for_one_map(engine: FakeEngine, tmp_path: Path) -> None:
+    engine.memory = ByteBudget(1, "RHYTID_HOST_MEMORY_MB")
+    made = baker(engine, tmp_path, FRAMES)
+    made.asset = replace(made.asset, udims=(1001,))
+    made.geometry = Geometry(SQUARE, "ply", 1)
+
+    made.run()
+
+    assert len(list(tmp_path.glob("*.ply"))) == len(FRAMES)
+    assert made.written == 2 * len(FRAMES)
+
+
+def test_an_error_of_a_writer_ends_the_bake_when_the_rest_is_written(
+    engine: FakeEngine, tmp_path: Path
+) -> None:
+    def write(path: Path) -> None:
+        if path.name == "face.1002.0001.exr":
+            wait_until(lambda: ("0002", 1002) in engine.drawn)
+            raise StorageError("full")
+
+    with pytest.raises(StorageError, match="full"):
+        with_writer(engine, tmp_path, write).run()
+
+    assert len(maps(tmp_path)) == len(engine.drawn) - 1
+    assert engine.held == {}
+    rest = bake(engine, tmp_path, FRAMES)
+    assert rest.written == len(FRAMES) * len(UDIMS) - rest.skipped
+
+
+@pytest.mark.parametrize("profile", [one for one in PROFILES if one not in ("weights", "cavity")])
+def test_frames_with_the_same_positions_are_drawn_once(
+    profile: str, engine: FakeEngine, tmp_path: Path
+) -> None:
+    made = bake(engine, tmp_path, [0.5, 0.5, 0.25], profiles=[profile])
+
+    assert made.written == 6
+    again = PROFILES[profile].renamed is None
+    assert [label for label, udim in engine.drawn if udim == 1001] == [
+        "0001", *(["0002"] if again else []), "0003",
+    ]  # fmt: skip
+    first, second = (
+        read_texture(made.output.file(PROFILES[profile], 1002, place))
+        for place in made.frames.places[:2]
+    )
+    assert (first.texels == second.texels).all()
+    assert (first.attributes["frame"], second.attributes["frame"]) == ("0001", "0002")
+    del first.attributes["frame"], second.attributes["frame"]
+    assert first.attributes == second.attributes
+    assert bake(engine, tmp_path, [0.5, 0.5, 0.25], profiles=[profile]).skipped == 6
+
+
+def second_frame(engine: FakeEngine, folder: Path) -> None:
+    """Bake the second of two equal frames."""
+    engine.drawn.clear()
+    made = baker(engine, folder, [0.5, 0.5])
+    places = made.frames.places[1:]
+    made.write(places, places)
+    texels, header = read_exr(folder / "face.1001.0002.exr")
+    assert (texels == 0.5).all()
+    assert header["frame"] == "0002"
+
+
+def test_a_copy_is_made_of_what_another_run_wrote(engine: FakeEngine, tmp_path: Path) -> None:
+    bake(engine, tmp_path, [0.5])
+
+    second_frame(engine, tmp_path)
+
+    assert engine.drawn == []
+
+
+@pytest.mark.parametrize("damage", ["removed", "cut"])
+def test_no_copy_is_made_of_a_damaged_file(damage: str, engine: FakeEngine, tmp_path: Path) -> None:
+    bake(engine, tmp_path, [0.5])
+    file = tmp_path / "face.1001.0001.exr"
+    file.write_bytes(file.read_bytes()[:-1]) if damage == "cut" else file.unlink()
+
+    second_frame(engine, tmp_path)
+
+    assert engine.drawn == [("0002", 1001)]
+
+
+def test_what_is_made_once_is_made_by_one_thread() -> None:
+    calls: list[int] = []
+
+    def make() -> int:
+        calls.append(1)
+        wait_until(lambda: len(asking) == 4)
+        return 7
+
+    found, asking, answers = once(make), [], []
+
+    def ask() -> None:
+        asking.append(1)
+        answers.append(found())
+
+    threads = [threading.Thread(target=ask) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert (calls, answers) == ([1], [7, 7, 7, 7])
+
+
+def wait_until(true: Any) -> None:
+    """Wait until something is true; fails where it does not become so."""
+    ended = threading.Event()
+    for _ in range(int(PATIENCE / 0.01)):
+        if true():
+            return
+        ended.wait(0.01)
+    raise AssertionError("not within the time that there is")
