@@ -54,6 +54,7 @@ class WrinkleArrays:
     as in line.clh.  origins: where these sample stretch.
 
     cushion: the arrays of the broad layer, or None where there is none.
+    rows (K,) int32: of the graph.
     """
 
     segments: NDArray[np.float32]
@@ -70,6 +71,7 @@ class WrinkleArrays:
     origins: Origins | None = None
     even: int = 0
     cushion: CushionArrays | None = None
+    rows: NDArray[np.int32] | None = None
 
 
 @dataclass(frozen=True)
@@ -142,6 +144,7 @@ def wrinkle_arrays(
         Origins.of(tail, graph.edge_copy_of, segments, triangle, stiffness),
         even,
         None if broad is None else broad.arrays(chosen, len(drawn), udim),
+        chosen.astype(np.int32),
     )
 
 
@@ -239,7 +242,8 @@ class UdimElements:
     """The wrinkles, pores and events of one UDIM on the device.
 
     work: of drawing any square of them.  pace, bins_pace: at which that goes, of what a frame shows
-    and of one precomputed map.  events: None where there are none.
+    and of one precomputed map.  events: None where there are none.  wrinkle_rows: of the graph,
+    and behind them -1.
     """
 
     def __init__(
@@ -268,6 +272,7 @@ class UdimElements:
         self._even = wrinkles.even
         self.wrinkle_origins = OriginBuffers.upload(device, wrinkles.origins, wrinkles.even)
         self.cushion = CushionElements.upload(device, wrinkles.cushion)
+        self.wrinkle_rows = _with_none(wrinkles.rows)
         self.centres = device.upload(pores.centres)
         self.roots = device.upload(pores.roots)
         self.pore_triangle = device.upload(pores.triangle)
@@ -339,6 +344,11 @@ def work_of(
     broad = None if wrinkles.cushion is None else (wrinkles.cushion.lists, wrinkles.cushion.factor)
     lists = [wrinkles.lists, pores.lists, *(() if events is None else (events.lists,))]
     return MapWork(*lists, cushion=broad)
+
+
+def _with_none(rows: NDArray[np.int32] | None) -> NDArray[np.int32]:
+    """Rows of a graph, and behind them -1 for none."""
+    return np.append(np.zeros(0, np.int32) if rows is None else rows, np.int32(-1))
 
 
 def _upload(device: Device, array: NDArray[Any] | None) -> Buffer | None:

@@ -24,6 +24,8 @@ from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR
 from rhytid.pipeline.work import BLOCK
 
+# The defines of kernels that find r of wrinkles, and no scales (RESPONSE of line_kinds.clh).
+R_ALONE = {"BENT": 1}
 # Fills the response, scales or r, of so many elements from their places, triangles and stiffness.
 Responder = Callable[[int, Buffer, Buffer, Buffer | None, Buffer], None]
 
@@ -51,8 +53,46 @@ def respond(
     device: Device, elements: UdimElements, settings: AssetSettings, stretch: StretchBuffers
 ) -> ScaleBuffers:
     """Alg. 1 for every wrinkle and Alg. 2 for every pore."""
-    response, defines = settings.response, response_defines(settings.response.soft_limits)
     scales = ScaleBuffers.allocate(device, elements)
+    wrinkles = wrinkle_responder(device, settings, stretch, elements.response_defines)
+    pores = pore_responder(device, settings, stretch)
+    respond_with(device, elements, settings, scales, wrinkles, pores)
+    return scales
+
+
+def line_stretches(
+    device: Device, elements: UdimElements, settings: AssetSettings, wrinkles: Responder
+) -> Buffer:
+    """(K + 1, 2) float32 r of K wrinkles at both ends, where Alg. 1 finds it in the middle and
+    `response.ends` says how far ends go to that of the next; the last row is that of none, 0.
+
+    wrinkles: launches Alg. 1 with the defines R_ALONE.
+    """
+    count, r = elements.wrinkles, device.empty(elements.wrinkles, np.float32)
+    given = (elements.segments, elements.wrinkle_triangle, elements.wrinkle_stiffness)
+    wrinkles(count, *given, r)
+    take_over(device, elements.wrinkle_origins, wrinkles, r, R_ALONE)
+    found = device.empty(2 * (count + 1), np.float32)
+    device.launch(
+        "ends", "end_stretches", (count + 1,),
+        r, elements.partners, np.int32(count), np.float32(settings.response.ends), found,
+        defines=response_defines(settings.response.soft_limits),
+    )  # fmt: skip
+    r.release()
+    return found
+
+
+def wrinkle_responder(
+    device: Device,
+    settings: AssetSettings,
+    stretch: StretchBuffers,
+    defines: Mapping[str, object],
+) -> Responder:
+    """Launches Alg. 1 with the stretch of each triangle.
+
+    defines: `response_defines` of the elements, or R_ALONE.
+    """
+    response, limits = settings.response, response_defines(settings.response.soft_limits)
 
     def wrinkles(
         count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer
@@ -61,12 +101,10 @@ def respond(
             "respond", "respond_wrinkles", (-(-count // VECTOR),),
             places, triangle, stretch.axes, stretch.logs, stretch.jacobians, stiff, np.int32(count),
             np.float32(response.alpha_w), np.float32(response.alpha_d), into,
-            defines={**defines, **elements.response_defines},
+            defines={**limits, **defines},
         )  # fmt: skip
 
-    pores = pore_responder(device, settings, stretch)
-    respond_with(device, elements, settings, scales, wrinkles, pores)
-    return scales
+    return wrinkles
 
 
 def pore_responder(device: Device, settings: AssetSettings, stretch: StretchBuffers) -> Responder:

@@ -26,8 +26,14 @@ from rhytid.pipeline.grain import (
     tiles_of_square,
 )
 from rhytid.pipeline.levels import Draw
-from rhytid.pipeline.redraw import ScaleBuffers, respond
-from rhytid.pipeline.smooth import SmoothFields, respond_smooth
+from rhytid.pipeline.redraw import (
+    R_ALONE,
+    ScaleBuffers,
+    line_stretches,
+    respond,
+    wrinkle_responder,
+)
+from rhytid.pipeline.smooth import SmoothFields, respond_smooth, smooth_wrinkle_responder
 from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.work import Square
 
@@ -82,6 +88,25 @@ class DeviceFrames:
             return respond(device, elements, settings, self.stretch(frame, model))
 
         return base.cache.keep_of(frame, "scales", udim, model, sampling, make=make)
+
+    def line_stretches(self, frame: Frame, query: MapQuery, udim: int) -> Buffer | None:
+        """Log stretch at the ends of wrinkles, by which the fast method blends their broad layer;
+        None where there is none."""
+        base, model, sampling = self._base, query.stretch, query.sampling
+        device, elements, settings = base.device, base.elements[udim], base.settings
+        if elements.cushion is None:
+            return None
+
+        def make() -> Buffer:
+            if sampling == "smooth":
+                fields, located = self.fields(frame, model), base.located[udim]
+                found = smooth_wrinkle_responder(device, located, settings, fields, R_ALONE)
+            else:
+                stretch = self.stretch(frame, model)
+                found = wrinkle_responder(device, settings, stretch, R_ALONE)
+            return line_stretches(device, elements, settings, found)
+
+        return base.cache.keep_of(frame, "lines", udim, model, sampling, make=make)
 
     def coefficients(self, frame: Frame, model: str) -> Coefficients:
         """Coefficients of each triangle by which the fast method blends."""
