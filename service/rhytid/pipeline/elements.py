@@ -310,6 +310,36 @@ class UdimElements:
                 value.release()
 
 
+@dataclass(frozen=True, eq=False)
+class LineSources:
+    """What K wrinkles of a UDIM answer to stretch by, copies as their originals do.
+
+    rows (K,): of the graph.  triangle (K,).  directions (K, 2): unit vectors in UV.  partners
+    (K, 2): which of the K continue at both ends, -1 for none.
+    """
+
+    rows: NDArray[np.int32]
+    triangle: NDArray[np.int32]
+    directions: NDArray[np.float64]
+    partners: NDArray[np.int32]
+
+    @classmethod
+    def read(cls, device: Device, elements: UdimElements) -> LineSources:
+        """Of all wrinkles of a UDIM, from the device."""
+        count, origins = elements.wrinkles, elements.wrinkle_origins
+        triangle = device.read(elements.wrinkle_triangle, (count,), np.int32)
+        along = device.read(elements.segments, (count, 4), np.float32)[:, 2:].astype(np.float64)
+        if origins is not None:
+            own = slice(origins.first, origins.first + origins.count)
+            triangle[own] = device.read(origins.triangle, (origins.count,), np.int32)
+            along[own] = device.read(origins.places, (origins.count, 4), np.float32)[:, 2:]
+        size = np.linalg.norm(along, axis=1, keepdims=True)
+        partners = np.full((count, 2), -1, np.int32)
+        if elements.partners is not None:
+            partners = device.read(elements.partners, (count, 2), np.int32)
+        return cls(elements.wrinkle_rows[:-1], triangle, along / np.maximum(size, 1e-30), partners)
+
+
 @dataclass(frozen=True)
 class CushionElements:
     """CushionArrays on the device."""
