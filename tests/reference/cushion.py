@@ -98,9 +98,10 @@ def broadened(lines: Wrinkles, cushion: Cushion) -> Wrinkles:
     """As wide as the layer has them, less what the spline widens them by, and no less than samples
     carry. The mean of a line stays."""
     wide = lines.half_width * cushion.width * cushion.texels
-    drawn = np.sqrt(np.maximum(wide**2 - WIDENED, LEAST**2))
+    drawn = np.maximum(np.sqrt(np.maximum(wide**2 - WIDENED, 0.0)), np.minimum(wide, LEAST))
     strength = lines.strength * wide / drawn
-    return lines._replace(half_width=drawn / cushion.texels, strength=strength)
+    least = LEAST / cushion.texels
+    return lines._replace(half_width=drawn / cushion.texels, strength=strength, least=least)
 
 
 def samples(limit: float, exponent: float) -> Array:
@@ -134,8 +135,10 @@ def owners(centres: Array, lines: Wrinkles, cushion: Cushion) -> Owners:
     found = Owners(np.full(len(centres), -1), np.zeros(len(centres)), np.full(len(centres), np.inf))
     for i in np.flatnonzero(broad.strength.reshape(len(broad.segments), -1).any(axis=1)):
         share, distance = nearest(centres, broad, i)
-        t2 = np.minimum((distance / between(broad.half_width[i], share)) ** 2, 1.0)
-        score = between(broad.strength[i], share) * (1 - t2) ** 4
+        half_width = between(broad.half_width[i], share)
+        drawn = np.maximum(half_width, broad.least)
+        t2 = np.minimum((distance / drawn) ** 2, 1.0)
+        score = between(broad.strength[i], share) * half_width / drawn * (1 - t2) ** 4
         gap, better = np.where(score > 0, np.abs(score - best), np.inf), score > best
         found.margin[:] = np.where(better, gap, np.minimum(found.margin, gap))
         found.line[better], found.place[better] = i, share[better]
