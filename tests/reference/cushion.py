@@ -147,8 +147,8 @@ def owners(centres: Array, lines: Wrinkles, cushion: Cushion) -> Owners:
 
 
 def blended(maps: Array, r: Array, at: Array, depth: Array) -> Array:
-    """(P,) from maps (SAMPLES, P) over the depth scale at log stretches `at`, by r (P,) and its depth
-    scale (P,)."""
+    """(P,) from maps (SAMPLES, P) over the depth scale at log stretches `at`, by r (P,) and `depth`
+    (P,), its depth scale."""
     place = np.interp(r, at, np.arange(SAMPLES))
     below = np.minimum(place.astype(int), SAMPLES - 2)
     share, column = place - below, np.arange(len(r))
