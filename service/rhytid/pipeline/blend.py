@@ -178,7 +178,7 @@ class Blend:
     ) -> list[Buffer]:
         """float32 displacement of tiles with equally many texels, TILES_A_LAUNCH a launch.
 
-        lines: the result of `line_stretches`, where the tiles have a broad layer.
+        lines: `ends` of LineStretches, where the tiles have a broad layer.
         """
         made = [self._device.empty(maps.texels, np.float32) for maps in tiles]
         for first in range(0, len(tiles), TILES_A_LAUNCH):

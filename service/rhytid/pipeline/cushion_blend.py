@@ -36,7 +36,7 @@ class CushionBlend:
         """float32 displacement of the samples of a tile, on the device, with MORE values behind
         them.
 
-        lines: the result of `line_stretches`.
+        lines: `ends` of LineStretches.
         """
         out = self._device.empty(maps.side**2 + MORE, np.float32)
         self._device.launch(

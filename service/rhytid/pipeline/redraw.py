@@ -49,6 +49,53 @@ class ScaleBuffers(BufferGroup):
         return (self.wrinkles, self.pores)
 
 
+@dataclass
+class LineStretches(BufferGroup):
+    """r of K wrinkles of a UDIM in one frame, on the device, to be filled for frame after frame:
+    fresh memory takes as long as what is written to it.
+
+    r: in the middle of each.  ends: (K + 1, 2) float32 at both ends, then that of none, 0.
+    frame: digest of the frame that they are of; "" for none.
+    """
+
+    r: Buffer
+    ends: Buffer
+    frame: str = ""
+
+    @classmethod
+    def allocate(cls, device: Device, elements: UdimElements) -> LineStretches:
+        """Buffers for the wrinkles of `elements`, not initialised."""
+        count = elements.wrinkles
+        return cls(device.empty(count, np.float32), device.empty(2 * (count + 1), np.float32))
+
+    def fill(
+        self,
+        device: Device,
+        elements: UdimElements,
+        settings: AssetSettings,
+        wrinkles: Responder,
+        frame: str,
+    ) -> None:
+        """Alg. 1 finds r in the middle; `response.ends` says how far ends go to that of the next.
+
+        wrinkles: launches Alg. 1 with the defines R_ALONE.
+        """
+        count = elements.wrinkles
+        given = (elements.segments, elements.wrinkle_triangle, elements.wrinkle_stiffness)
+        wrinkles(count, *given, self.r)
+        take_over(device, elements.wrinkle_origins, wrinkles, self.r, R_ALONE)
+        device.launch(
+            "ends", "end_stretches", (count + 1,),
+            self.r, elements.partners, np.int32(count), np.float32(settings.response.ends),
+            self.ends, defines=response_defines(settings.response.soft_limits),
+        )  # fmt: skip
+        self.frame = frame
+
+    @property
+    def _buffers(self) -> tuple[Buffer, ...]:
+        return (self.r, self.ends)
+
+
 def respond(
     device: Device, elements: UdimElements, settings: AssetSettings, stretch: StretchBuffers
 ) -> ScaleBuffers:
@@ -58,28 +105,6 @@ def respond(
     pores = pore_responder(device, settings, stretch)
     respond_with(device, elements, settings, scales, wrinkles, pores)
     return scales
-
-
-def line_stretches(
-    device: Device, elements: UdimElements, settings: AssetSettings, wrinkles: Responder
-) -> Buffer:
-    """(K + 1, 2) float32 r of K wrinkles at both ends, where Alg. 1 finds it in the middle and
-    `response.ends` says how far ends go to that of the next; the last row is that of none, 0.
-
-    wrinkles: launches Alg. 1 with the defines R_ALONE.
-    """
-    count, r = elements.wrinkles, device.empty(elements.wrinkles, np.float32)
-    given = (elements.segments, elements.wrinkle_triangle, elements.wrinkle_stiffness)
-    wrinkles(count, *given, r)
-    take_over(device, elements.wrinkle_origins, wrinkles, r, R_ALONE)
-    found = device.empty(2 * (count + 1), np.float32)
-    device.launch(
-        "ends", "end_stretches", (count + 1,),
-        r, elements.partners, np.int32(count), np.float32(settings.response.ends), found,
-        defines=response_defines(settings.response.soft_limits),
-    )  # fmt: skip
-    r.release()
-    return found
 
 
 def wrinkle_responder(

@@ -28,8 +28,9 @@ from rhytid.pipeline.grain import (
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.redraw import (
     R_ALONE,
+    LineStretches,
+    Responder,
     ScaleBuffers,
-    line_stretches,
     respond,
     wrinkle_responder,
 )
@@ -91,22 +92,27 @@ class DeviceFrames:
 
     def line_stretches(self, frame: Frame, query: MapQuery, udim: int) -> Buffer | None:
         """Log stretch at the ends of wrinkles, by which the fast method blends their broad layer;
-        None where there is none."""
+        None where there is none. It is that of this frame until another is asked for."""
         base, model, sampling = self._base, query.stretch, query.sampling
         device, elements, settings = base.device, base.elements[udim], base.settings
         if elements.cushion is None:
             return None
+        found: LineStretches = base.cache.keep(
+            "lines", udim, model, sampling, make=partial(LineStretches.allocate, device, elements)
+        )
+        if found.frame != frame.digest:
+            responder = self._lines_alone(frame, query, udim)
+            found.fill(device, elements, settings, responder, frame.digest)
+        return found.ends
 
-        def make() -> Buffer:
-            if sampling == "smooth":
-                fields, located = self.fields(frame, model), base.located[udim]
-                found = smooth_wrinkle_responder(device, located, settings, fields, R_ALONE)
-            else:
-                stretch = self.stretch(frame, model)
-                found = wrinkle_responder(device, settings, stretch, R_ALONE)
-            return line_stretches(device, elements, settings, found)
-
-        return base.cache.keep_of(frame, "lines", udim, model, sampling, make=make)
+    def _lines_alone(self, frame: Frame, query: MapQuery, udim: int) -> Responder:
+        """Launches Alg. 1 for r of wrinkles."""
+        base, model = self._base, query.stretch
+        device, settings = base.device, base.settings
+        if query.sampling == "smooth":
+            fields, located = self.fields(frame, model), base.located[udim]
+            return smooth_wrinkle_responder(device, located, settings, fields, R_ALONE)
+        return wrinkle_responder(device, settings, self.stretch(frame, model), R_ALONE)
 
     def coefficients(self, frame: Frame, model: str) -> Coefficients:
         """Coefficients of each triangle by which the fast method blends."""
