@@ -43,6 +43,10 @@ MORE = VECTOR
 CUSHIONS, OWNERS, PLACES = "cushions", "cushion_owners", "cushion_places"
 # Log stretches that its maps are drawn at.
 SAMPLES = 5
+# The programs of the kernels.
+_PROGRAMS = {"cushion": "cushion", "cushion_map": "cushion", "cushion_owners": "owners"}
+# Draws a square into arrays.
+_Draw = Callable[[Square, tuple[Buffer, ...]], None]
 # Lines of full depth that may overlap at a sample before its code saturates.
 _MEETING = 8
 
@@ -104,10 +108,6 @@ def launch_cushion(
             **elements.line_defines, **elements.share_defines,
         },
     )  # fmt: skip
-
-
-# The programs of the kernels.
-_PROGRAMS = {"cushion": "cushion", "cushion_map": "cushion", "cushion_owners": "owners"}
 
 
 def _factor(elements: UdimElements) -> int:
@@ -280,7 +280,3 @@ class CushionMaker:
     def _room(self, square: Square, count: int) -> tuple[Buffer, ...]:
         side = coarse_side(square[2], self._factor)
         return tuple(self._device.empty(side**2, np.float32) for _ in range(count))
-
-
-# Draws a square into arrays.
-_Draw = Callable[[Square, tuple[Buffer, ...]], None]

@@ -41,16 +41,23 @@ def used_lines(
         )
     number = np.full(len(lines.rows) + 1, len(used), np.int64)
     number[used] = np.arange(len(used))
+    return number[owner].astype(np.uint32), _table(lines, used, number, triangles)
+
+
+def _table(
+    lines: LineSources, used: NDArray[np.int64], number: NDArray[np.int64], triangles: int
+) -> NDArray[np.uint32]:
+    """The table (4, L + 1) of lines `used` (L,), the last of none.  number: of every line, L where
+    it is not used."""
     table = np.zeros((4, len(used) + 1), np.uint32)
-    table[0, :-1], table[0, -1] = lines.triangle[used], triangles
-    codes = np.rint(lines.directions[used] * _UNIT).astype(np.int64) + _MIDDLE
-    table[1] = _MIDDLE << 16 | (_MIDDLE + _UNIT)
-    table[1, :-1] = codes[:, 1] << 16 | codes[:, 0]
+    table[0] = np.append(lines.triangle[used], triangles)
+    u, v = np.rint(lines.directions[used] * _UNIT).astype(np.int64).T + _MIDDLE
+    table[1, :-1], table[1, -1] = v << 16 | u, _MIDDLE << 16 | (_MIDDLE + _UNIT)
     partners = lines.partners[used]
     # Of lines that own nothing the next ones are not asked for.
     known = (partners >= 0) & (number[partners] < len(used))
     table[2:, :-1] = np.where(known, number[partners] + 1, 0).T
-    return number[owner].astype(np.uint32), table
+    return table
 
 
 @dataclass
