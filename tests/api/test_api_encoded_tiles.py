@@ -12,7 +12,7 @@ import pytest
 
 from rhytid.api import encoding
 from rhytid.api.encoded_tiles import EncodedTiles
-from rhytid.engine.byte_budget import ByteBudget
+from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.errors import QueryError
 from rhytid.formats.tiles import Encoded, encode
 
@@ -116,6 +116,30 @@ def test_they_leave_when_a_request_waits_for_memory() -> None:
     calls: list[bytes] = []
     kept.get("a", made(bytes(200), calls))
     assert (len(calls), budget.used) == (1, 6300)
+
+
+def test_who_begins_to_wait_while_one_is_kept_gets_its_bytes() -> None:
+    budget = ByteBudget(6400, "RHYTID_HOST_MEMORY_MB", 1.0)
+    kept = EncodedTiles(budget)
+    held, cleared = budget.hold("answers"), threading.Event()
+    asking = threading.Thread(target=held.grow, args=(6400,))
+    take, clear = budget.taken, budget.on_shortage
+
+    def taken(purpose: str, nbytes: int) -> Hold | None:
+        found = take(purpose, nbytes)
+        asking.start()
+        cleared.wait(0.1)  # not while the answer is being kept
+        return found
+
+    def clearing() -> None:
+        clear()
+        cleared.set()
+
+    budget.taken, budget.on_shortage = taken, clearing  # type: ignore[method-assign]
+    kept.get("a", made(bytes(200), []))
+    asking.join()
+
+    assert (held.nbytes, budget.used) == (6400, 6400)
 
 
 @pytest.mark.parametrize(("format", "times"), [("exr", 1), ("exr16", 1), ("png", 1), ("npy", 3)])

@@ -70,10 +70,11 @@ class EncodedTiles:
         size = len(found.body)
         if size > self._budget.limit // _LARGEST:
             return
-        if (hold := self._budget.taken("encoded", size)) is None:
-            return
         left = []
+        # Who begins to wait for bytes after they are taken finds the answer here, in `clear`.
         with self._lock:
+            if (hold := self._budget.taken("encoded", size)) is None:
+                return
             self._kept[tag] = found, hold
             self._nbytes += size
             while self._nbytes > self._budget.limit // _KEPT:
