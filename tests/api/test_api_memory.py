@@ -102,6 +102,18 @@ def test_uploads_lie_on_disk_until_their_client_is_gone(
     soon(lambda: use(client, "spool")["used"] == 0)
 
 
+def test_purposes_sum_to_what_is_used(client: httpx.Client) -> None:
+    asset = built(client, upload(resolution=256, tile_size=64))
+    path = f"/v1/assets/{asset}/frames/neutral/tiles/1001/0/0/0"
+    size = len(client.get(path, params={"format": "exr"}).content)
+
+    soon(lambda: use(client, "small")["used"] == size)  # else the answer is being sent
+    small = use(client, "small")
+    assert small["purposes"] == {"answers": 0, "uploads": 0, "encoded": size}
+    line = 'rhytid_bytes{budget="small",purpose="encoded"} '
+    assert f"{line}{float(size)}\n" in client.get("/metrics").text
+
+
 def test_uploads_beyond_the_room_on_disk_are_refused(client: httpx.Client) -> None:
     with uploading(client, 70 * MIB, 100 * MIB) as connection:
         answer = connection.recv(1 << 16)

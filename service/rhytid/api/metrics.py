@@ -53,7 +53,7 @@ logger = logging.getLogger(__name__)
 # The purposes for which bytes of each budget are held.
 PURPOSES = {
     "host": ("answers", "uploads", "jobs"),
-    "small": ("answers", "uploads"),
+    "small": ("answers", "uploads", "encoded"),
     "spool": ("uploads", "answers"),
 }
 # Causes of a restart of the device's process: a fault of its own, a call of the driver that takes
