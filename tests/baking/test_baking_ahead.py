@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 from baking.fake_engine import FakeEngine
 from baking.test_baking_resume import SQUARE, bake, baker, maps
 from exports.textures.reading import read_texture
+from rhytid.baking import baker as baker_module
 from rhytid.baking.baker import Baker
 from rhytid.baking.map_sources import Geometry, once
 from rhytid.engine.byte_budget import ByteBudget
@@ -88,20 +90,41 @@ def test_a_surface_is_written_with_memory_for_one_map(engine: FakeEngine, tmp_pa
     assert made.written == 2 * len(FRAMES)
 
 
-def test_an_error_of_a_writer_ends_the_bake_when_the_rest_is_written(
-    engine: FakeEngine, tmp_path: Path
+class Pool(ThreadPoolExecutor):
+    """Has `ended` set when work that waits was cancelled, or when it is all to be done."""
+
+    ended = threading.Event()
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        super().shutdown(wait=False, cancel_futures=cancel_futures)
+        self.ended.set()
+        super().shutdown(wait)
+
+
+def test_after_an_error_of_a_writer_what_waits_is_not_written(
+    engine: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(Pool, "ended", threading.Event())
+    monkeypatch.setattr(baker_module, "ThreadPoolExecutor", Pool)
+    monkeypatch.setattr(baker_module, "core_count", lambda: 1)  # three writers, three frames
+    begun = []
+
     def write(path: Path) -> None:
-        if path.name == "face.1002.0001.exr":
-            wait_until(lambda: ("0002", 1002) in engine.drawn)
+        begun.append(path.name)
+        if path.name == "face.1001.0001.exr":
+            wait_until(lambda: ("0003", 1002) in engine.drawn and len(begun) == 3)
             raise StorageError("full")
+        assert Pool.ended.wait(PATIENCE)
 
     with pytest.raises(StorageError, match="full"):
         with_writer(engine, tmp_path, write).run()
 
-    assert len(maps(tmp_path)) == len(engine.drawn) - 1
+    assert len(engine.drawn) == 6
+    assert len(begun) in (3, 4)  # the thread that failed may begin one before the bake knows
+    assert maps(tmp_path) == sorted({*begun} - {"face.1001.0001.exr"})
     assert engine.held == {}
     rest = bake(engine, tmp_path, FRAMES)
+    assert rest.skipped == len(begun) - 1
     assert rest.written == len(FRAMES) * len(UDIMS) - rest.skipped
 
 

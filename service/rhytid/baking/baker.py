@@ -78,8 +78,8 @@ class Baker:
         """Write the files of these frames that are missing or out of date.
 
         shown: the same frames. A frame is done, its files are there, when the next one is taken
-        from `shown`; those after it may be drawn by then. Where this raises, what was drawn is
-        written first.
+        from `shown`; those after it may be drawn by then. Where this raises, files that are being
+        written are written to their end first, others that were drawn are not begun.
         """
         record = self.output.record(self.engine.tiles.drawn_by)
         with FileWriters(self.engine.memory.limit) as writers:
@@ -280,9 +280,10 @@ class FileWriters:
     def __enter__(self) -> FileWriters:
         return self
 
-    def __exit__(self, *raised: object) -> None:
-        """Wait until everything is written."""
-        self._pool.shutdown()
+    def __exit__(self, kind: type[BaseException] | None, *raised: object) -> None:
+        """Wait until everything is written; after an error, until what was begun is."""
+        # A copy waits for a file that was queued before it, so that is never cancelled under it.
+        self._pool.shutdown(cancel_futures=kind is not None)
 
     def note(self, files: Mapping[str, Path], writing: Future[int]) -> None:
         """Have files, by their keys, in `under_way` until they are written."""
