@@ -15,9 +15,9 @@ from baking.fake_engine import FakeEngine
 from baking.test_baking_resume import SQUARE, bake, baker, maps
 from exports.textures.reading import read_texture
 from rhytid.baking import baker as baker_module
-from rhytid.baking.baker import Baker
+from rhytid.baking.baker import Baker, FileWriters
 from rhytid.baking.map_sources import Geometry, once
-from rhytid.engine.byte_budget import ByteBudget
+from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.errors import StorageError
 from rhytid.exports.textures.profiles import PROFILES
 from rhytid.formats.exr import read_exr
@@ -62,6 +62,28 @@ def test_no_more_wait_than_there_are_bytes_for(engine: FakeEngine, tmp_path: Pat
     with_writer(engine, tmp_path, lambda path: drawn.append(len(engine.drawn))).run()
 
     assert drawn == [*range(1, len(FRAMES) * len(UDIMS) + 1)]
+
+
+@pytest.mark.parametrize(
+    ("profiles", "texel_bytes"),
+    [(["half"], 12), (["half", "normal-gl", "png16"], 48), (["png16"], 28)],
+)
+def test_a_map_holds_what_the_largest_of_its_files_takes(
+    profiles: list[str], texel_bytes: int, engine: FakeEngine, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    made, held = baker(engine, tmp_path, [0.5, 0.5], profiles=profiles), []
+    hold = FileWriters.hold
+
+    def holding(writers: FileWriters, nbytes: int) -> Hold:
+        held.append(nbytes)
+        return hold(writers, nbytes)
+
+    monkeypatch.setattr(FileWriters, "hold", holding)
+    made.run()
+
+    side = int(made.asset.settings["resolution"])
+    assert held == [texel_bytes * side**2] * 4  # copies, too: they may have to be drawn
 
 
 def test_a_frame_is_done_when_its_files_are_there(engine: FakeEngine, tmp_path: Path) -> None:

@@ -1,7 +1,8 @@
 """Baking: every frame of an animation as files of displacement, by an engine in this process.
 
 One thread draws frame after frame, and others write the maps that it has drawn. How many maps wait
-or are written is limited by their bytes, `RHYTID_HOST_MEMORY_MB`.
+or are written is limited by the bytes that they take until then, `RHYTID_HOST_MEMORY_MB`. What is
+kept for all frames, and the mesh of a displaced surface, are not counted.
 """
 
 from __future__ import annotations
@@ -37,8 +38,8 @@ if TYPE_CHECKING:
 
 # Frames that are drawn before the first of them is written, at least.
 _AHEAD = 3
-# Bytes of a texel that waits or is written: its displacement, and as much again for its file.
-_TEXEL_BYTES = 8
+# Bytes of the displacement of a texel, and again in what a surface is made from.
+_DISPLACEMENT = 4
 
 
 @dataclass
@@ -102,13 +103,15 @@ class Baker:
         frame = _Frame(place, self._sources.surface(place.label, positions), record, writers)
         plans = {udim: self._plan(place, udim) for udim in self.asset.udims}
         surface = self._due_surface(frame, plans)
-        held = writers.hold(self._map_bytes * len(plans)) if surface else None
+        due = {udim: self._due_maps(frame, plan) for udim, plan in plans.items()}
+        together = sum(self._map_bytes(one) for one in due.values())
+        held = writers.hold(together) if surface else None
         found, drawn = [], {}
         for udim, plan in plans.items():
             map = self._sources.map(frame.surface, plan, once(partial(self._draw, plan)))
             self.output.describe(map)
-            if due := self._due_maps(frame, plan):
-                found.append(self._begin(frame, map, due, held))
+            if due[udim]:
+                found.append(self._begin(frame, map, due[udim], held))
             if surface:  # else each map is let go after its UDIM
                 map.heights()
                 drawn[udim] = map
@@ -122,9 +125,11 @@ class Baker:
     def _sources(self) -> MapSources:
         return MapSources(self.engine, self.asset, self.mesh)
 
-    @property
-    def _map_bytes(self) -> int:
-        return _TEXEL_BYTES * int(self.asset.settings["resolution"]) ** 2
+    def _map_bytes(self, due: Sequence[_DueMap]) -> int:
+        """Bytes of a map until its files, one after another, are written. Those that are copied
+        may have to be drawn."""
+        working = max((one.profile.working_bytes for one in due), default=_DISPLACEMENT)
+        return (_DISPLACEMENT + working) * int(self.asset.settings["resolution"]) ** 2
 
     def _plan(self, place: FramePlace, udim: int) -> TilePlan:
         return self.engine.tiles.plan_map(self.asset.id, place.label, self.query, udim, 0)
@@ -167,9 +172,8 @@ class Baker:
     ) -> Future[int]:
         """Draw a map, unless its files are copies, and have them written.  held: bytes of the
         frame; None to hold those of this map."""
-        alone = None
+        alone = None if held else frame.writers.hold(self._map_bytes(due))
         if any(one.profile.drawn and one.source is None for one in due):
-            alone = None if held else frame.writers.hold(self._map_bytes)
             map.heights()
         if any(one.profile.posed and not one.profile.drawn for one in due):
             frame.surface.ratios()  # which the engine has only while it holds the frame

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,8 @@ from exports.textures.reading import Texture, read_texture
 from rhytid.baking.output import BakeSize, Output
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError, QueryError
-from rhytid.exports.textures import PROFILE_NAMES, writers
+from rhytid.exports.textures import COMPRESSIONS, PROFILE_NAMES, writers
+from rhytid.exports.textures import frame_map as frame_maps
 from rhytid.exports.textures.frame_map import (
     Chart,
     FrameMap,
@@ -28,6 +30,7 @@ from rhytid.exports.textures.frame_map import (
 )
 from rhytid.exports.textures.profiles import PROFILES, profiles_of
 from rhytid.exports.textures.tangents import Posed
+from rhytid.formats import exr_encoder
 from rhytid.formats.tile_header import TileHeader
 
 SIDE, DEPTH, SCALE, PADDED = 128, 0.01, 0.04, 8
@@ -385,3 +388,30 @@ def test_whether_texels_are_inside_is_that_of_each_texel() -> None:
         third_ = (place[..., 1] * along[..., 0] - place[..., 0] * along[..., 1]) / area
         wanted = np.minimum(1 - second - third_, np.minimum(second, third_)) >= -1e-4
         np.testing.assert_array_equal(texels_inside(given, edges), wanted)
+
+
+_PACKED = [(name, one) for name in ("float", "half") for one in COMPRESSIONS if one != "zip"]
+
+
+@pytest.mark.parametrize(
+    ("name", "compression"), [*((name, "zip") for name in PROFILE_NAMES), *_PACKED]
+)
+def test_a_file_takes_no_more_memory_than_told(
+    name: str, compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    side, strip = 512, 1 << 12  # so that strips are as small beside it as they are beside 4096²
+    for module, size in ((frame_maps, "TEXELS"), (writers, "TEXELS"), (exr_encoder, "_STRIP")):
+        monkeypatch.setattr(module, size, strip)
+    noise = np.random.default_rng(5).uniform(-0.03, 0.02, (side, side)).astype(np.float32)
+    drawn = replace(frame_map(MESH, all_triangles(MESH, side)), heights=lambda: noise)
+    profile = PROFILES[name].compressed(compression)
+    facts = profile.all_facts(drawn)
+
+    tracemalloc.start()
+    try:
+        profile.write(tmp_path / f"map{profile.extension}", drawn, facts)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+
+    assert peak <= profile.working_bytes * side**2

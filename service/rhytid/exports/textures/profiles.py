@@ -23,12 +23,13 @@ class Profile:
 
     key: identifies the bytes that it writes of a map: a change of the writer needs another key.
     extension: with its dot.  middle: between NAME and extension.  texel_bytes: before compression.
-    write: draws and writes one file, whole or not at all.  packed: whether `--compression` is for
-    it.  facts: for readers of the files, the
-    same for all files of an asset.  described: whether the facts are in a file beside them, too.
-    drawn: whether it shows displacement, and not only the stretch of the frame.  posed: whether it
-    reads the positions of the frame, too.  tiled: whether it needs OpenImageIO.  renamed: a file
-    with another text for one of its attributes; None where there is no quick way.
+    working_bytes: of memory for a texel while its file is written, at most, beside displacement,
+    chart and padding.  write: draws and writes one file, whole or not at all.  packed: whether
+    `--compression` is for it.  facts: for readers of the files, the same for all files of an asset.
+    described: whether the facts are in a file beside them, too.  drawn: whether it shows
+    displacement, and not only the stretch of the frame.  posed: whether it reads the positions of
+    the frame, too.  tiled: whether it needs OpenImageIO.  renamed: a file with another text for one
+    of its attributes; None where there is no quick way.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Profile:
     extension: str
     middle: str
     texel_bytes: float
+    working_bytes: int
     write: Callable[[Path, FrameMap, Facts], None]
     facts: Callable[[FrameMap], Facts]
     described: bool = True
@@ -74,39 +76,39 @@ class Profile:
 _MIPMAPPED = 4.0 * 4.0 / 3.0
 _ALL = (
     Profile(
-        "float", "single-2", ".exr", _UDIM_FIRST, 4.0,
+        "float", "single-2", ".exr", _UDIM_FIRST, 4.0, 10,
         writers.write_float, writers.plain_facts, described=False, packed=True,
     ),
     Profile(
-        "half", "half-2", ".exr", _UDIM_FIRST, 2.0,
+        "half", "half-2", ".exr", _UDIM_FIRST, 2.0, 8,
         writers.write_half, writers.plain_facts, described=False, packed=True,
     ),
     Profile(
-        "png16", "png16-3", ".png", f"png16.{_UDIM_FIRST}", 2.0,
+        "png16", "png16-3", ".png", f"png16.{_UDIM_FIRST}", 2.0, 24,
         writers.write_png16, writers.png16_facts, renamed=png_renamed,
     ),
     Profile(
-        "normal-gl", "normal-gl-3", ".png", f"normal-gl.{_UDIM_FIRST}", 6.0,
+        "normal-gl", "normal-gl-3", ".png", f"normal-gl.{_UDIM_FIRST}", 6.0, 44,
         writers.write_normals, writers.normal_gl_facts, posed=True, renamed=png_renamed,
     ),
     Profile(
-        "normal-dx", "normal-dx-3", ".png", f"normal-dx.{_FRAME_FIRST}", 6.0,
+        "normal-dx", "normal-dx-3", ".png", f"normal-dx.{_FRAME_FIRST}", 6.0, 44,
         writers.write_normals, writers.normal_dx_facts, posed=True, renamed=png_renamed,
     ),
     Profile(
-        "cavity", "cavity-2", ".png", f"cavity.{_FRAME_FIRST}", 1.0,
+        "cavity", "cavity-2", ".png", f"cavity.{_FRAME_FIRST}", 1.0, 32,
         writers.write_cavity, writers.cavity_facts, renamed=png_renamed,
     ),
     Profile(
-        "weights", "weights-2", ".png", f"weights.{_FRAME_FIRST}", 3.0,
+        "weights", "weights-2", ".png", f"weights.{_FRAME_FIRST}", 3.0, 32,
         writers.write_weights, writers.weight_facts, drawn=False, posed=True, renamed=png_renamed,
     ),
     Profile(
-        "mip", "mip-1", ".exr", f"mip.{_UDIM_FIRST}", _MIPMAPPED,
+        "mip", "mip-1", ".exr", f"mip.{_UDIM_FIRST}", _MIPMAPPED, 16,
         writers.write_mipmapped, writers.plain_facts, described=False, tiled=True, renamed=None,
     ),
     Profile(
-        "tx", "tx-1", ".tx", _UDIM_FIRST, _MIPMAPPED,
+        "tx", "tx-1", ".tx", _UDIM_FIRST, _MIPMAPPED, 16,
         writers.write_mipmapped, writers.plain_facts, described=False, tiled=True, renamed=None,
     ),
 )  # fmt: skip
