@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,9 @@ from exports.textures.reading import read_texture
 from rhytid.baking import baker as baker_module
 from rhytid.baking.baker import Baker, FileWriters
 from rhytid.baking.map_sources import Geometry, once
+from rhytid.baking.output import BakeRecord
 from rhytid.engine.byte_budget import ByteBudget, Hold
+from rhytid.engine.messages import TilePlan
 from rhytid.errors import StorageError
 from rhytid.exports.textures.profiles import PROFILES
 from rhytid.formats.exr import read_exr
@@ -200,6 +202,85 @@ def test_no_copy_is_made_of_a_damaged_file(damage: str, engine: FakeEngine, tmp_
     second_frame(engine, tmp_path)
 
     assert engine.drawn == [("0002", 1001)]
+
+
+def test_files_that_are_gone_are_drawn_by_the_thread_that_draws(
+    engine: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bake(engine, tmp_path, FRAMES)
+    for file in tmp_path.glob("*.exr"):
+        file.unlink()
+    places, threads = [], []
+    plan_map = engine.tiles.plan_map
+
+    def noting(asset: str, frame: str, *rest: Any) -> TilePlan:
+        plan = plan_map(asset, frame, *rest)
+
+        def draw() -> Any:
+            threads.append(threading.current_thread())
+            places.append(frame in engine.held)
+            return plan.draw()
+
+        return replace(plan, draw=draw)
+
+    monkeypatch.setattr(engine.tiles, "plan_map", noting)
+    bake(engine, tmp_path, FRAMES)
+
+    assert {*threads} == {threading.current_thread()}
+    assert places == [True] * len(FRAMES) * len(UDIMS)
+
+
+def test_files_that_are_gone_wait_for_bytes(engine: FakeEngine, tmp_path: Path) -> None:
+    bake(engine, tmp_path, FRAMES)
+    for file in tmp_path.glob("*.exr"):
+        file.unlink()
+    engine.drawn.clear()
+    engine.memory = ByteBudget(1, "RHYTID_HOST_MEMORY_MB")
+    drawn: list[int] = []
+
+    with_writer(engine, tmp_path, lambda path: drawn.append(len(engine.drawn))).run()
+
+    assert drawn == [*range(1, len(FRAMES) * len(UDIMS) + 1)]
+
+
+def test_a_map_whose_source_cannot_be_read_is_drawn(
+    engine: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bake(engine, tmp_path, [0.5])
+    plain = BakeRecord.done
+
+    def done(record: BakeRecord, file: Path, key: str) -> bool:
+        if file.name == "face.1001.0001.exr":
+            raise PermissionError("no")
+        return plain(record, file, key)
+
+    monkeypatch.setattr(BakeRecord, "done", done)
+    second_frame(engine, tmp_path)
+
+    assert engine.drawn == [("0002", 1001)]
+
+
+def test_a_copy_of_what_could_not_be_written_is_not_drawn(
+    engine: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    submitted, submit = [], FileWriters.submit
+
+    def noting(writers: FileWriters, *rest: Any) -> Future[int]:
+        submitted.append(rest)
+        return submit(writers, *rest)
+
+    def write(path: Path) -> None:
+        if path.name == "face.1001.0001.exr":
+            wait_until(lambda: len(submitted) == 4)
+            raise StorageError("full")
+
+    monkeypatch.setattr(FileWriters, "submit", noting)
+    made = with_writer(engine, tmp_path, write)
+    made.frames = baker(engine, tmp_path, [0.5, 0.5]).frames
+    with pytest.raises(StorageError, match="full"):
+        made.run()
+
+    assert engine.drawn == [("0001", 1001), ("0001", 1002)]
 
 
 def test_what_is_made_once_is_made_by_one_thread() -> None:

@@ -11,7 +11,8 @@ import hashlib
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -147,7 +148,7 @@ class Baker:
             digest = frame.surface.digest() if profile.posed else ""
             key = f"{plan.key}-{profile.key}{digest}"
             if not self._is_done(frame, file, key):
-                found.append(_DueMap(file, key, profile, frame.source(profile, key)))
+                found.append(_DueMap(file, key, profile, frame.source(profile, file, key)))
         return found
 
     def _due_surface(self, frame: _Frame, plans: Mapping[int, TilePlan]) -> tuple[Path, str] | None:
@@ -193,12 +194,13 @@ class Baker:
 
     def _copied(self, frame: _Frame, one: _DueMap) -> bool:
         """Write a file as a copy of one with the same key, with the name of its own frame; whether
-        that was possible. The bytes that are copied have the hash that the record has of them."""
+        that was possible. The bytes that are copied have the hash that the record has of them.
+        Raises what the writing of the other one did."""
         if one.source is None or one.profile.renamed is None:
             return False
         file, written = one.source
         if written is not None:
-            wait([written])
+            written.result()
         data = frame.record.contents(file, one.key)
         if data is None:
             return False
@@ -240,7 +242,8 @@ Source = tuple[Path, "Future[int] | None"]
 class _DueMap:
     """A file of a map that is to be written.
 
-    key: of its contents.  source: a file that may be copied in place of drawing.
+    key: of its contents.  source: a file that is copied in place of drawing, unless it is lost
+    before that.
     """
 
     file: Path
@@ -258,14 +261,20 @@ class _Frame:
     record: BakeRecord
     writers: FileWriters
 
-    def source(self, profile: Profile, key: str) -> Source | None:
-        """What a file may be copied from."""
+    def source(self, profile: Profile, due: Path, key: str) -> Source | None:
+        """What the file `due` may be copied from: a file that is being written, or that is there as
+        it was written."""
         if profile.renamed is None:
             return None
         if (under_way := self.writers.under_way.get(key)) is not None:
             return under_way
         file = self.record.file_of(key)
-        return None if file is None else (file, None)
+        if file is None or file == due:
+            return None
+        with suppress(OSError):
+            if self.record.done(file, key):
+                return file, None
+        return None
 
 
 class FileWriters:
