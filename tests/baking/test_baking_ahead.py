@@ -21,6 +21,7 @@ from rhytid.baking.output import BakeRecord
 from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.engine.messages import TilePlan
 from rhytid.errors import StorageError
+from rhytid.exports.textures import profiles
 from rhytid.exports.textures.profiles import PROFILES
 from rhytid.formats.exr import read_exr
 
@@ -243,6 +244,26 @@ def test_files_that_are_gone_wait_for_bytes(engine: FakeEngine, tmp_path: Path) 
     assert drawn == [*range(1, len(FRAMES) * len(UDIMS) + 1)]
 
 
+@pytest.mark.parametrize("error", [PermissionError, OSError, KeyError, ValueError])
+def test_a_map_whose_copy_fails_is_drawn(
+    error: type[Exception], engine: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bake(engine, tmp_path, [0.5])
+
+    def fail(*_: Any) -> Any:
+        raise error("no")
+
+    if issubclass(error, OSError):
+        monkeypatch.setattr(Path, "read_bytes", fail_for(tmp_path / "face.1001.0001.exr", error))
+    else:
+        monkeypatch.setitem(PROFILES, "float", replace(PROFILES["float"], renamed=fail))
+        monkeypatch.setattr(profiles, "_ALL", tuple(PROFILES.values()))
+
+    second_frame(engine, tmp_path)
+
+    assert engine.drawn[0] == ("0002", 1001)
+
+
 def test_a_map_whose_source_cannot_be_read_is_drawn(
     engine: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -258,6 +279,18 @@ def test_a_map_whose_source_cannot_be_read_is_drawn(
     second_frame(engine, tmp_path)
 
     assert engine.drawn == [("0002", 1001)]
+
+
+def fail_for(file: Path, error: type[OSError]) -> Any:
+    """`Path.read_bytes` that fails for one file."""
+    plain = Path.read_bytes
+
+    def read(path: Path) -> bytes:
+        if path == file:
+            raise error("no")
+        return plain(path)
+
+    return read
 
 
 def test_a_copy_of_what_could_not_be_written_is_not_drawn(

@@ -204,7 +204,11 @@ class Baker:
         data = frame.record.contents(file, one.key)
         if data is None:
             return False
-        write_parts(one.file, one.profile.renamed(data, "frame", frame.place.label))
+        try:
+            parts = one.profile.renamed(data, "frame", frame.place.label)
+        except (KeyError, ValueError):
+            return False
+        write_parts(one.file, parts)
         return True
 
     def _write_surface(

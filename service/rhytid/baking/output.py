@@ -190,8 +190,9 @@ class BakeRecord:
         return None if name is None else self._path.parent / name
 
     def contents(self, file: Path, key: str) -> bytes | None:
-        """The bytes of a file as it was written for `key`; None where it is not there so."""
-        with suppress(FileNotFoundError):
+        """The bytes of a file as it was written for `key`; None where it is not there so, or cannot
+        be read."""
+        with suppress(OSError):
             data = file.read_bytes()
             if hashlib.sha256(data).hexdigest() in self._digests(file, key):
                 return data
