@@ -4,7 +4,7 @@ The name of the channel is not free: Blender reads a lone channel of another nam
 
 ZIP, ZIPS and no compression are written here, block by block on all cores, and their deflate is
 that of ISA-L: the bindings of the OpenEXR library know one level of it alone, which takes three to
-six times as long for 3 to 9 % less. Other compressions are written by the library. After "OpenEXR
+six times as long for 2 to 8 % less. Other compressions are written by the library. After "OpenEXR
 File Layout", https://openexr.com/en/latest/OpenEXRFileLayout.html.
 """
 

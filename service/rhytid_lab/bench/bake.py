@@ -4,6 +4,8 @@ A bake draws the next frames while others are written, so that at best it takes 
 of its kernels and of its files, over the cores. Seconds are of one frame; processor seconds are of
 all threads of this process, those of an OpenCL runtime on the processor included. On a GPU the
 kernels take little of the processor, and the ratio to them means nothing.
+
+Windows has no `resource`: this does not run there.
 """
 
 from __future__ import annotations
@@ -95,7 +97,7 @@ class BakeCost:
 class BakeBench:
     """An engine with one asset, whose frames are baked.
 
-    frames: (N, V, 3) float32 positions, N above 3; more make the figures steadier.
+    frames: (N, V, 3) float32 positions, N of 5 or more; more make the figures steadier.
     """
 
     def __init__(
