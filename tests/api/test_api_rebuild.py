@@ -6,6 +6,7 @@ import io
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,9 @@ from api.asking import NPY, array_of, built, is_problem, npy
 from api.live import serving
 from meshes import bumpy_grid, deform
 from pipeline.scenes import random_graph
+from rhytid.domain.graph import WrinkleGraph
 from rhytid.engine.engine import Engine
-from rhytid.formats.graphs import write_graph
+from rhytid.formats.graphs import read_graph, write_graph
 from rhytid.support.settings import ServiceSettings
 
 pytestmark = pytest.mark.release
@@ -78,6 +80,16 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
         engine.close()
 
 
+def chained(graph: WrinkleGraph) -> WrinkleGraph:
+    """The same with wrinkles that go on in others at some of their ends, and a copy of another."""
+    partners = np.random.default_rng(2).integers(-60, graph.wrinkles, (graph.wrinkles, 2))
+    copies = np.full(graph.wrinkles, -1, np.int32)
+    copies[[5, 9]] = 20, 30
+    return replace(
+        graph, edge_partners=np.maximum(partners, -1).astype(np.int32), edge_copy_of=copies
+    )
+
+
 def sent(client: httpx.Client, stiff: bool = False, **settings: Any) -> str:
     """The path of an asset with a deformed frame `bent`."""
     mesh = io.BytesIO()
@@ -88,7 +100,7 @@ def sent(client: httpx.Client, stiff: bool = False, **settings: Any) -> str:
     files = {
         "mesh": ("sheet.npz", mesh.getvalue()),
         "settings": (None, json.dumps(given)),
-        "graph": ("graph.safetensors", write_graph(random_graph(7, 150))),
+        "graph": ("graph.safetensors", write_graph(chained(random_graph(7, 150)))),
     }
     if stiff:
         image = io.BytesIO()
@@ -128,6 +140,15 @@ class Grid:
         self.sure = (found == found[0]).all(axis=0)
         assert self.sure.mean() > 0.98
 
+    def closest(self, page: dict[str, Any]) -> Any:
+        """(P, 2) of the triangle of each centre the point closest to it."""
+        found = self.centres.copy()
+        for point, triangle in zip(found, self.index, strict=True):
+            if triangle >= 0:
+                shares = page["weights"](point, self.corners[triangle])
+                point[:] = shares @ self.corners[triangle]
+        return found
+
     def jacobian(self, page: dict[str, Any]) -> Any:
         own = page["jacobians"](MESH.positions, MESH.faces, self.corners)[0][self.index]
         return np.where((self.index >= 0)[:, None, None], own, np.eye(3, 2))
@@ -144,41 +165,40 @@ class Published:
         self.stretch = np.load(io.BytesIO(client.get(f"{path}/frames/bent/stretch").content))
         side = self.settings["resolution"]
         corners = MESH.uv.astype(float)[MESH.face_uv]
-        self.grids = [
-            Grid(page, corners, self.settings["padding"] / side, page["centres_of"](*square))
-            for square in self.squares(side)
-        ]
-        self.fine = self.grids[0]
+        self.graph = read_graph(client.get(f"{path}/graph").content).arrays()
+        middles = self.graph["node_uv"].astype(float)[self.graph["edge_nodes"]].mean(axis=1)
+        centres = page["centres_of"](ROW * SIDE, COLUMN * SIDE, SIDE, side)
+        self.fine, self.lines = (
+            Grid(page, corners, self.settings["padding"] / side, places)
+            for places in (centres, middles)
+        )
         assert (self.fine.index < 0).any(), "some texels lie in no triangle"
-
-    def squares(self, side: int) -> Iterator[tuple[int, int, int, int]]:
-        """(row, column, count, side of the map) of the tile, and of its part of the cushion."""
-        yield (ROW * SIDE, COLUMN * SIDE, SIDE, side)
-        if cushion := self.manifest["cushion"]:
-            factor, apron = cushion["factor"], cushion["apron"]
-            row, column, count = (at * SIDE // factor for at in (ROW, COLUMN, 1))
-            yield (row - apron, column - apron, count + 2 * apron, side // factor)
 
     def made(self, sampling: str, stiff: bool = False) -> Any:
         """The tile by the page."""
         page, places = self.page, []
-        for grid in self.grids:
+        for grid in (self.fine, self.lines):
             after = (grid.corners, grid.reach, self.stretch, self.manifest)
             if sampling == "smooth":
                 logs, axes = page["smooth"](grid.centres, MESH.positions, MESH.faces, *after)
             else:
                 logs, axes = page["nearest"](grid.centres, *after)
             surface = self.manifest["measured_in"] == "surface"
-            stiffness = bilinear(GREY / 255, grid.centres) if stiff else 1.0
+            at = grid.closest(page) if grid is self.lines else grid.centres
+            stiffness = bilinear(GREY / 255, at) if stiff else 1.0
             places.append((logs, axes, grid.jacobian(page) if surface else None, stiffness))
-        return page["displacement"](self.manifest, self.codes, *places)
+        ends = None
+        if self.manifest["cushion"]:
+            ends = page["end_stretches"](self.graph, self.settings["response"]["ends"], *places[1])
+        return page["displacement"](self.manifest, self.codes, places[0], ends)
 
     @property
     def sure(self) -> Any:
-        """(P,) texels of which it is clear what they and the samples around them take."""
+        """(P,) texels of which it is clear what they and the owners around them take."""
         if not self.manifest["cushion"]:
             return self.fine.sure
-        doubt = ~self.grids[1].sure
+        owners = self.codes["cushion_owners"][0][0].astype(int)
+        doubt = ~np.append(self.lines.sure, True)[owners]
         side = round(len(doubt) ** 0.5)
         raised = self.page["brought_up"](doubt.reshape(side, side).astype(float), self.manifest)
         assert (raised == 0).mean() > 0.95
@@ -233,7 +253,8 @@ def test_the_default_has_cushions_and_grain_that_show(
     one = Published(client, page, sent(client))
     assert one.manifest["cushion"]["factor"] > 1
     assert one.manifest["layers"].keys() == {
-        "wrinkles", "pores", "wrinkle_tilts", "cushions", "grain",
+        "wrinkles", "pores", "wrinkle_tilts",
+        "cushions", "cushion_places", "cushion_owners", "grain",
     }  # fmt: skip
     grain = one.codes["grain"][0][0]
     assert 10 < grain.std() < 64
@@ -250,20 +271,23 @@ def test_tiles_of_cushions_overlap_by_their_aprons(client: httpx.Client) -> None
     path = sent(client)
     manifest = client.get(f"{path}/bins").json()
     factor, apron = (manifest["cushion"][name] for name in ("factor", "apron"))
-    query = {"layer": "cushions", "bin": 1, "sample": 2}
-    left, right = (
-        array_of(client.get(f"{path}/bins/1001/0/1/{column}", params=query)) for column in (1, 2)
-    )
-    assert left.shape == (SIDE // factor + 2 * apron,) * 2
-    assert left.any()
-    np.testing.assert_array_equal(left[:, -2 * apron :], right[:, : 2 * apron])
+    for layer in ("cushions", "cushion_places", "cushion_owners"):
+        query = {"layer": layer, "sample": 2 if layer == "cushions" else 0}
+        left, right = (
+            array_of(client.get(f"{path}/bins/1001/0/1/{column}", params=query))
+            for column in (1, 2)
+        )
+        assert left.dtype == (np.int32 if layer == "cushion_owners" else np.int8)
+        assert left.shape == (SIDE // factor + 2 * apron,) * 2
+        assert len(np.unique(left)) > 1
+        np.testing.assert_array_equal(left[:, -2 * apron :], right[:, : 2 * apron])
 
 
 @pytest.mark.parametrize(
     ("preset", "layer", "bin", "sample", "told"),
     [
-        ("best", "cushions", 4, 0, "bin 4 of layer cushions: 0 to 3"),
-        ("best", "cushions", 0, 3, "sample 3 of layer cushions: 0 to 2"),
+        ("best", "cushions", 4, 0, "bin 4 of layer cushions: 0 to 0"),
+        ("best", "cushions", 0, 5, "sample 5 of layer cushions: 0 to 4"),
         ("best", "grain", 1, 0, "bin 1 of layer grain: 0 to 0"),
         ("paper", "cushions", 0, 0, "layer 'cushions': one of wrinkles, pores"),
         ("paper", "grain", 0, 0, "layer 'grain': one of wrinkles, pores"),

@@ -177,7 +177,8 @@ def test_bins(call: Call, asset: str) -> None:
     bins = call("bins", asset)
     assert len(bins.angles) == bins.layers["wrinkles"]
     assert len(bins.steps["pores"]) == len(bins.samples)
-    assert bins.cushion == {"factor": 4, "apron": 2, "sharpness": 5.0}
+    cushion = {"factor": 4, "apron": 2, "samples": (-0.5, 0.0, 0.5), "exponent": 4.0}
+    assert bins.cushion == cushion
     assert bins.grain == {"exponent": 2.0}
     assert call("bin_tile", asset, 1001, 0, 0, 0, bin=1, sample=2).dtype == np.int8
     grain, whole = (

@@ -61,7 +61,7 @@ def test_it_has_no_place_in_packages(made):
         SkinMaps.of(engine, asset)
     assert set(SkinMaps.of(engine, plain).bins.layers) == {"wrinkles", "pores"}
     with pytest.raises(NotFoundError, match="no cushions"):
-        engine.tiles.cushion_triangles(plain, 1001)
+        engine.tiles.cushion_lines(plain, 1001)
 
 
 def test_it_acts_where_it_is_painted_alone(made):

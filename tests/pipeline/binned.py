@@ -14,6 +14,7 @@ from rhytid.pipeline.bin_maker import BinMaker
 from rhytid.pipeline.bins import map_count, parts
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.locate import UdimTriangles
+from rhytid.pipeline.redraw import R_ALONE, LineStretches, wrinkle_responder
 from rhytid.pipeline.vectors import VECTOR
 
 TILE = 64
@@ -72,6 +73,14 @@ class BinnedScene(Scene):
         """(N, P) codes of the tilts of each bin."""
         bins = self.settings.bins
         return stored_maps(self.device, self.tile, bins)[tilt_places(bins)]
+
+    def lines(self, stretch):
+        """r at the ends of wrinkles."""
+        elements = self.elements(self.udim)
+        responder = wrinkle_responder(self.device, self.settings, stretch, R_ALONE)
+        found = LineStretches.allocate(self.device, elements)
+        found.fill(self.device, elements, self.settings, responder, "")
+        return found.ends
 
     def blended(self, positions, model="tensor"):
         blend = Blend(self.device, self.settings, len(self.mesh.faces))

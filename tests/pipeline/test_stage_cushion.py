@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from meshes import deform
-from pipeline.scenes import DEPTH, Scene, random_graph, settings_of, sheet
+from pipeline.binned import BinnedScene
+from pipeline.scenes import DEPTH, Scene, random_graph, reference_stretch, settings_of, sheet
+from pipeline.test_stage_bends import bent, shared
+from reference import bends, drawing, locate, redraw
 from reference import cushion as reference
-from reference import drawing
+from reference.response import wrinkle_stretch
 from rhytid.device.runtime import Device
 from rhytid.domain.tiles import udim_origin
 from rhytid.errors import LimitError
+from rhytid.pipeline.bins import ShareRange
+from rhytid.pipeline.cushion_blend import CushionBlend
 from rhytid.pipeline.cushion_layer import THRESHOLD, broad_weight, coarse_factor, narrow_weight
 from rhytid.pipeline.elements import check_cover, wrinkle_arrays
 
@@ -211,3 +217,124 @@ def test_cushions_that_cover_too_much_are_refused():
         check_cover(graph, swollen, 1001)
     with pytest.raises(LimitError, match="the cushions cover"):
         wrinkle_arrays(graph, np.zeros(200_000, np.int32), swollen, 1001)
+
+
+# Maps: those of the layer, and owners, of lines that bend, taper, share and go on.
+BROAD = bent(random_graph(41, 150, (0.004, 0.01), (0.15, 0.4)), steepest=0.25)
+OF_MAPS: dict[str, Any] = {
+    "shape": {**SWOLLEN, "curvature": 1.0, "taper": 1.0},
+    "response": {"ends": 1.0, "soft_limits": True},
+    "bins": {"bits": 16},
+}
+CODES = 32767
+
+
+class MapScene(BinnedScene):
+    """The maps of the layer around a tile, and those of the reference."""
+
+    def __init__(self, device, graph, **changes):
+        settings = settings_of(**{**OF_MAPS, **changes})
+        super().__init__(device, sheet(), graph, settings)
+        self.cushion, self.maps = self.reference_cushion(), self.tile.cushion
+        response = settings.response
+        self.samples = reference.samples(response.log_stretch_limit, response.alpha_d)
+        factor = settings.resolution // self.cushion.texels
+        row, column = 64 // factor - 2, 128 // factor - 2
+        self.centres = drawing.crop(
+            row, column, self.maps.side, self.maps.side, self.cushion.texels
+        )
+
+    def lines(self, width_at, share_at, depth):
+        """Of the broad layer.  width_at, share_at: log stretches that widths and shares have."""
+        graph, response, shape = self.graph, self.settings.response, self.settings.shape
+        half_width = bends.tapering(graph.edge_half_width, graph.edge_end_half_widths, shape.taper)
+        weight = bends.tapering(graph.edge_weight, graph.edge_end_weights, shape.taper)
+        weight *= (graph.edge_weight > 0)[:, None]
+        if graph.edge_share is not None:
+            shares = bends.at_ends(graph.edge_share, graph.edge_partners, response.ends)
+            depth = depth * bends.shared_depth(share_at, response.alpha_d, shares)
+        width = bends.scale(np.array(width_at), response.alpha_w, response.soft_limits)
+        slopes = shape.curvature * graph.edge_slopes if graph.edge_slopes is not None else None
+        strength = reference.strengths(weight, self.cushion.share)[1] * depth
+        return drawing.Wrinkles(redraw.segments(graph), half_width * width, strength, slopes=slopes)
+
+    def depth_scale(self, r):
+        response = self.settings.response
+        return bends.scale(np.asarray(r), -response.alpha_d, response.soft_limits)
+
+    def codes(self, index):
+        return self.maps.read(self.device, index, self.settings.bins.bits).ravel()
+
+    def heights(self, index):
+        """(P,) of a map, over the depth scale, in units of depth."""
+        deepest = ShareRange.of(self.graph).deepest(self.settings.response, self.samples[index])
+        scale = float(self.depth_scale(self.samples[index]))
+        return self.codes(index) * reference.step(self.cushion, scale, deepest, 16)
+
+
+@pytest.fixture(scope="module", params=["shared", "plain"])
+def maps(device, request):
+    return MapScene(device, shared(BROAD) if request.param == "shared" else BROAD)
+
+
+@pytest.mark.parametrize("index", [0, 1, 2, 4])
+def test_maps_are_those_of_the_reference_drawn_with_their_depth(maps, index):
+    r = maps.samples[index]
+    scale = maps.depth_scale(r)
+    wanted = reference.heights(maps.centres, maps.lines(r, r, scale), maps.cushion) / scale
+    found = maps.heights(index)
+    assert np.abs(wanted).max() > 0.3
+    assert np.abs(maps.codes(index)).max() < CODES
+    # As far as arc.clh finds the nearest point of an arc; heights are up to 4 times as large.
+    off = np.abs(found - wanted)
+    assert np.quantile(off, 0.99) <= 1e-2
+    assert np.sqrt(np.square(off).mean()) <= 2e-3
+    # Depth that is multiplied on later is less where lines meet.
+    flat = reference.heights(maps.centres, maps.lines(r, r, 1.0), maps.cushion)
+    assert index == 2 or np.abs(found - flat).max() > 0.05
+
+
+def test_owners_are_those_of_the_reference(maps):
+    lines = maps.lines(0.0, maps.samples[1], 1.0)
+    wanted = reference.owners(maps.centres, lines, maps.cushion)
+    rows = maps.elements().wrinkle_rows[maps.maps.read_owners(maps.device).ravel()]
+    sure = wanted.margin > 1e-2
+    assert 0.7 < sure.mean() < 1
+    assert len(np.unique(rows)) > 20
+    np.testing.assert_array_equal(rows[sure], wanted.line[sure])
+    places = maps.codes(reference.SAMPLES) / CODES
+    owned = sure & (rows >= 0)
+    assert places[owned].std() > 0.2
+    off = np.abs(places - wanted.place)[owned]
+    assert np.median(off) <= 1e-3
+    assert np.quantile(off, 0.99) <= 0.02
+
+
+def test_a_blend_takes_the_stretch_of_owners(maps):
+    """By the maps, owners and places of the product, which other tests look at."""
+    positions = np.float32(0.93) * deform(maps.mesh.positions, 5, 0.15)
+    stretch, response = maps.stretch(positions), maps.settings.response
+    lines = BinnedScene.lines(maps, stretch)
+    found = CushionBlend(maps.device, maps.settings, ShareRange.of(maps.graph))
+    out = found.tile(maps.maps, lines)
+    got = maps.device.read(out, (maps.maps.side**2,), np.float32) / DEPTH
+    limit = response.log_stretch_limit
+    ratios, axes = reference_stretch(maps.mesh, positions)
+    logs = bends.held(np.log(ratios), limit, limit)
+    at = locate.sample(maps._wrinkle, logs, axes)
+    r = bends.at_ends(
+        wrinkle_stretch(*at, redraw.directions(maps.graph)), maps.graph.edge_partners, response.ends
+    )
+    rows = maps.elements().wrinkle_rows[maps.maps.read_owners(maps.device).ravel()]
+    place = maps.codes(reference.SAMPLES) / CODES
+    own = np.where(rows < 0, 0.0, r[rows, 0] + place * (r[rows, 1] - r[rows, 0]))
+    heights = np.stack([maps.heights(index) for index in range(reference.SAMPLES)])
+    wanted = reference.blended(heights, own, maps.samples, maps.depth_scale(own))
+    assert own.std() > 0.05
+    assert np.abs(got - wanted).max() <= 2e-4
+
+
+def test_owners_of_lines_without_bends_answer_alike_from_end_to_end(device):
+    made = MapScene(device, random_graph(8, 200, (0.004, 0.02)), shape=SWOLLEN)
+    assert made.maps.read_owners(device).max() == made.elements().wrinkles  # of none
+    assert not made.codes(reference.SAMPLES).any()

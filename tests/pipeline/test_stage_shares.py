@@ -38,7 +38,9 @@ def heights(made):
 
 def blended(made, positions):
     blend = Blend(made.device, made.settings, len(made.mesh.faces), ShareRange.of(made.graph))
-    out = blend.tile(made.tile, blend.coefficients(made.stretch(positions)))
+    stretch = made.stretch(positions)
+    lines = None if made.tile.cushion is None else made.lines(stretch)
+    out = blend.tile(made.tile, blend.coefficients(stretch), lines=lines)
     return made.device.read(out, (64, 64), np.float32)
 
 

@@ -135,7 +135,7 @@ def _add_wrinkles(
         if not np.any(wrinkles.strength[i]):
             continue
         rows = strips.within(low[i], high[i])
-        share, distance = _nearest(points[rows], wrinkles, i)
+        share, distance = nearest(points[rows], wrinkles, i)
         half_width = arcs.between(wrinkles.half_width[i], share)
         drawn = np.maximum(half_width, wrinkles.least)
         strength = arcs.between(wrinkles.strength[i], share) * half_width / drawn
@@ -182,7 +182,7 @@ def _skewed_box(wrinkles: Wrinkles, i: int, reach: Array) -> tuple[Array, Array]
     return corners.min(axis=0), corners.max(axis=0)
 
 
-def _nearest(points: Array, wrinkles: Wrinkles, i: int) -> tuple[Array, Array]:
+def nearest(points: Array, wrinkles: Wrinkles, i: int) -> tuple[Array, Array]:
     """Where along wrinkle i (P,), 0 to 1, and the distance (P,) there."""
     segment, waves = wrinkles.segments[i], wrinkles.waves
     if wrinkles.metric is not None and wrinkles.metric[i].any():

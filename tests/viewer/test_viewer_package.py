@@ -329,3 +329,24 @@ def test_a_page_out_of_a_folder_says_how_to_serve_it(open_page: Opened, store: P
     look = open_page((store.parent / "package" / "index.html").as_uri())
     look.until("!document.getElementById('message').hidden")
     assert "python3 -m http.server" in look.page.inner_text("#message")
+
+
+# The manifest of a package whose cushions are in sets, with the triangles of their samples, made of
+# textures that this package has; and what is read of it.
+BEFORE = """async () => {
+  const { loadPackage } = await import('./viewer/view/package.js');
+  const bytes = async (path) => (await fetch(path)).arrayBuffer();
+  const found = await (await fetch('manifest.json')).json();
+  const { textures, codes } = found.wrinkles, { factor, apron } = found.cushion;
+  found.cushion = { textures, codes, triangles: found.triangles, factor, apron };
+  for (const shaders of Object.values(found.shaders)) delete shaders.passes.lines;
+  const text = new TextEncoder().encode(JSON.stringify(found)).buffer;
+  const skin = await loadPackage(async (path) => path === 'manifest.json' ? text : bytes(path));
+  return Object.keys(skin.textures.get(1001).cushions).sort();
+}"""
+
+
+def test_cushions_of_packages_of_before_are_read(look: Look) -> None:
+    assert look.page.evaluate(BEFORE) == [
+        "rhytid_cushion_codes", "rhytid_cushion_triangles", "rhytid_cushions",
+    ]  # fmt: skip

@@ -24,13 +24,10 @@ inline float16 between(__global const CODE *maps, float4 coefficient)
 inline float16 blend_triangle(__global const CODE *maps, __global const float4 *coefficients)
 {
     merge_state_t merged = NOTHING_MERGED;
-    for (int n = 0; n < DRAWN; n++)
+    for (int n = 0; n < LAYERS; n++)
         for (int part = 0; part < PARTS; part++) {
             float16 d = between(maps + LAYER_AT(n, part), coefficients[n]);
-#ifdef CODE_GAIN // codes of the broad layer are so many times larger, in units of its merge
-            d *= CODE_GAIN;
-#endif
-#if TILT_MAPS
+#if TILT
             if (n < LAYERS - 1)
                 d += d * (FLOATS_OF(maps + TILT_AT(n)) * coefficients[n].w);
 #endif
@@ -71,7 +68,7 @@ inline void blend_vector(__global const int *firsts, __global const int2 *member
 #ifdef GRAINY
     d = grained(d, convert_float16(vload16(i, grain)), gain, amplitude, depth);
 #endif
-    store_vector(d, i, out);
+    vstore16(d, i, out);
 }
 
 // Up to four tiles of as many texels at once, as blend_vector has it: work-item (vector, tile).

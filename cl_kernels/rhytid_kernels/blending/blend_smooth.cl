@@ -30,11 +30,11 @@ __kernel void blend_smooth(__global const int *firsts, __global const int2 *memb
     form_t metric = unstretched().metric;
     if (neutral)
         metric = fields_at(first, end, x, y, corners, vertices, neutral, none).metric;
-    float16 stiff = stiffness ? VECTOR_OF(float16, stiffness, i) : (float16)(1.0f);
+    float16 stiff = stiffness ? vload16(i, stiffness) : (float16)(1.0f);
     codes += (size_t)i * VECTOR_CODES;
     blend_t blend = {steps, r_max, exponents, unit};
     merge_state_t merged = NOTHING_MERGED;
-    for (int n = 0; n < DRAWN; n++) {
+    for (int n = 0; n < LAYERS; n++) {
         stretches_t s;
         for (int side = 0; side < SIDES; side++) {
             float16 r = 0.5f * (p.log1 + p.log2);

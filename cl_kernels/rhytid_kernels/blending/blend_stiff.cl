@@ -24,11 +24,11 @@ __kernel void blend_stiff(__global const int *firsts, __global const int2 *membe
 {
     int i = get_global_id(0);
     __global const int2 *first = members + firsts[i], *end = members + firsts[i + 1];
-    float16 stiff = VECTOR_OF(float16, stiffness, i);
+    float16 stiff = vload16(i, stiffness);
     codes += (size_t)i * VECTOR_CODES;
     blend_t blend = {steps, r_max, exponents, unit};
     merge_state_t merged = NOTHING_MERGED;
-    for (int n = 0; n < DRAWN; n++) {
+    for (int n = 0; n < LAYERS; n++) {
         stretches_t s;
         for (int side = 0; side < SIDES; side++)
             s.r[side] = stiff * stretch_of(first, end, stretches, side * LAYERS + n);

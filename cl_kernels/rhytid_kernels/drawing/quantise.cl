@@ -7,6 +7,6 @@ __kernel void quantise(__global const float *heights, float per_step, int2 map,
                        __global CODE *codes)
 {
     int i = get_global_id(0);
-    vstore16(CODES16(VECTOR_OF(float16, heights, i), per_step), 0,
+    vstore16(CODES16(vload16(i, heights), per_step), 0,
              codes + code_place(i * WIDTH, map));
 }

@@ -11,7 +11,7 @@ __kernel void tilt_codes(__global const float *up, __global const float *down, f
                          int2 map, __global CODE *codes)
 {
     int i = get_global_id(0);
-    float16 high = VECTOR_OF(float16, up, i), low = VECTOR_OF(float16, down, i), sum = high + low;
+    float16 high = vload16(i, up), low = vload16(i, down), sum = high + low;
     float16 delta = select((high - low) / (sum * share), (float16)(0.0f), sum == 0.0f);
     vstore16(CODES16(clamp(delta, -1.0f, 1.0f), CODE_LIMIT), 0,
              codes + code_place(i * WIDTH, map));

@@ -14,7 +14,7 @@ inline int alike(const int *triangles, int first)
 __kernel void count_triangles(__global const int *triangles, __global int *counts)
 {
     int i = get_global_id(0), count = 0, own[WIDTH];
-    vstore16(VECTOR_OF(int16, triangles, i), 0, own);
+    vstore16(vload16(i, triangles), 0, own);
     for (int left = (1 << WIDTH) - 1; left; count++)
         left &= ~alike(own, 31 - clz(left));
     counts[i] = count;
@@ -25,7 +25,7 @@ __kernel void list_triangles(__global const int *triangles, __global const int *
                              __global int2 *members)
 {
     int i = get_global_id(0), at = firsts[i], own[WIDTH];
-    vstore16(VECTOR_OF(int16, triangles, i), 0, own);
+    vstore16(vload16(i, triangles), 0, own);
     for (int left = (1 << WIDTH) - 1; left; at++) {
         int lane = 31 - clz(left), texels = alike(own, lane);
         members[at] = (int2)(own[lane], texels);

@@ -60,3 +60,17 @@ __kernel void respond_ends(__global const float *r, __global const int2 *partner
         scales[first + lane] =
             (float4)(found[0][lane], found[1][lane], found[2][lane], found[3][lane]);
 }
+
+// r at both ends, (start, end), of `count` wrinkles, and behind them that of none: 0. partners, share: as in
+// respond_ends.
+__kernel void end_stretches(__global const float *r, __global const int2 *partners, int count,
+                            float share, __global float2 *ends)
+{
+    int i = get_global_id(0);
+    if (i == count) {
+        ends[i] = (float2)(0.0f);
+        return;
+    }
+    int2 partner = partners ? partners[i] : (int2)(-1);
+    ends[i] = (float2)(at_end(r, i, partner.x, share), at_end(r, i, partner.y, share));
+}

@@ -140,13 +140,14 @@ class Bins:
     steps: mesh units per code, by layer and sample.  layers: bins of each layer: wrinkles and
     pores; where merge is mellow these are the valleys, with wrinkle_bulges and pore_bulges; with
     tilts also wrinkle_tilts, of one sample, whose codes run from one edge of a bin in angle, -1, to
-    the other, 1; with cushions also cushions; with grain also grain, one map.
+    the other, 1; with cushions also cushions, cushion_places and cushion_owners; with grain also
+    grain, one map.
     depth: of strength 1, mesh units.  sharpness: β of the merge.  log_stretch_limit: that log ρ is
     clamped to.  scale_limit: σ stays within 1 over it and it.  depth_exponents: of wrinkles and
     pores.  measured_in: "uv" or "surface".  tilt: None, or `node`, `share` and `width`.
     soft_limits: limits are knees.  pore_depth_limit: that of σ_d of pores.
-    cushion: None, or `factor`, texels to a sample, `apron`, samples more around a tile, and
-    `sharpness`.  grain: None, or `exponent`.
+    cushion: None, or `factor`, texels to a sample, `apron`, samples more around a tile,
+    `samples`, log stretches, and `exponent`.  grain: None, or `exponent`.
     """
 
     angles: tuple[float, ...]
@@ -166,7 +167,7 @@ class Bins:
     tilt: Mapping[str, float] | None = None
     soft_limits: bool = False
     pore_depth_limit: float = 4.0
-    cushion: Mapping[str, float] | None = None
+    cushion: Mapping[str, Any] | None = None
     grain: Mapping[str, float] | None = None
 
 

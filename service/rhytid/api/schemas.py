@@ -299,13 +299,14 @@ class TiltLine(_Answer):
 
 
 class CushionLayer(_Answer):
-    """How the maps of the cushions lie under the texels, and meet."""
+    """How the maps of the cushions lie under the texels, and are blended."""
 
     factor: int = Field(description="texels per sample, per side")
     apron: int = Field(
         description="samples that a tile has beyond those under its own texels, on every side"
     )
-    sharpness: float = Field(description="β by which its bins meet, per depth")
+    samples: list[float] = Field(description="log stretch of each of its maps")
+    exponent: float = Field(description="e of the depth scale exp(-e r) that codes lack")
 
 
 class GrainLayer(_Answer):
@@ -339,7 +340,9 @@ class Bins(_Answer):
     layers: dict[str, int] = Field(
         description="bins of each layer; a mellow merge has layers of bulges too. wrinkle_tilts: "
         "where in its bin a wrinkle runs, code/largest from -1, the edge of the smaller angle, to "
-        "1. cushions: of the broad layer, coarse. grain: noise of the neutral, int8"
+        "1. cushions: of the broad layer, coarse; cushion_owners: int32, the row of the graph "
+        "whose log stretch a sample takes, -1 for none; cushion_places: where along it, "
+        "code/largest from 0 to 1. grain: noise of the neutral, int8"
     )
     depth: float = Field(description="of a wrinkle of strength 1, mesh units")
     sharpness: float = Field(description="β of the merge, per depth")

@@ -21,14 +21,16 @@ class TiltLine:
 
 @dataclass(frozen=True)
 class CushionLayer:
-    """How the samples of the cushions lie under texels, and how they are merged (docs/binned.md).
+    """How the samples of the cushions lie under texels, and how they are blended (docs/binned.md).
 
-    factor: texels per sample.  apron: further samples on every side of a tile.  sharpness: β.
+    factor: texels per sample.  apron: further samples on every side of a tile.  samples: log
+    stretch of each map.  exponent: of σ_d, which codes are multiplied by.
     """
 
     factor: int
     apron: int
-    sharpness: float
+    samples: tuple[float, ...]
+    exponent: float
 
 
 @dataclass(frozen=True)
@@ -48,9 +50,10 @@ class BinManifest:
     layers: number of maps by layer: {"wrinkles": N, "pores": 1}, of which the valleys alone where
     `merge` is mellow, with {"wrinkle_bulges": N, "pore_bulges": 1} for the bulges. With tilts
     {"wrinkle_tilts": N}, of one sample: from -1 at the edge of a bin of smaller angle to 1 at the
-    other. With cushions {"cushions": N}, coarse. With grain {"grain": 1}, of one sample, always
-    int8. With events {"events": 1}, of the neutral, int8 too: the sum of two maps, a coarse one,
-    sample 0, and a fine one; `binned` itself has events anew in each frame.
+    other. With cushions {"cushions": 1, "cushion_places": 1, "cushion_owners": 1}, coarse; the
+    last two have one sample, owners are int32, rows of the graph. With grain {"grain": 1}, of one
+    sample, always int8. With events {"events": 1}, of the neutral, int8 too: the sum of two maps, a
+    coarse one, sample 0, and a fine one; `binned` itself has events anew in each frame.
     steps: displacement per code by layer and sample, mesh units; the step of tilts has no unit.
     bits: per code.  merge, depth_factored: as in the settings.  depth: of strength 1, mesh units.
     sharpness: β of the merge.  log_stretch_limit: log ρ is clamped to it.  scale_limit: σ stays

@@ -342,7 +342,8 @@ class Tiles(Protocol):
         """(n, n) int8 or int16 codes of one precomputed map tile; displacement = code * step.
 
         bin, sample: needed where the layer has more than one. Of the cushions, n is the number of
-        samples under the tile, with the apron around them.
+        samples under the tile, with the apron around them; their owners are int32, rows of the
+        graph.
 
         Raises NotFoundError above level 0, since precomputed maps have no coarser levels, only
         tiles blended from them; QueryError where bin or sample is missing.

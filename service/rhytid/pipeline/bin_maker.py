@@ -7,7 +7,7 @@ There are maps of level 0 only: means of maps, blended, are flatter than the mea
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import count as counter
 from itertools import product
 from typing import Any
@@ -35,13 +35,12 @@ from rhytid.pipeline.bins import (
     scale,
     tilt_width,
 )
-from rhytid.pipeline.cushion import CushionBins, coarse_side
-from rhytid.pipeline.cushion_layer import APRON
+from rhytid.pipeline.cushion import CushionMaker, CushionTile
 from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.redraw import launch_blocks
 from rhytid.pipeline.stiffness import stiffness_of_texels
-from rhytid.pipeline.vectors import VECTOR, VectorTriangles, in_rows, squares
+from rhytid.pipeline.vectors import VECTOR, VectorTriangles
 from rhytid.pipeline.work import BLOCK, Square
 
 # Runs the kernel of a map over a square of level 0: (square, into, defines).
@@ -56,8 +55,7 @@ class BinTile(BufferGroup):
     within N + 1 layers, and after the maps of a bin its tilt.
     stiffness: float32 of each texel, or None: 1 throughout.
     place: texels per side of the tile and of its map, row and column of its first texel.
-    cushion: the broad layer of wrinkles around the tile, coarse, without pores, its vectors squares
-    (see `squares`); None where there is none.
+    cushion: the broad layer of wrinkles around the tile; None where there is none.
     """
 
     triangles: VectorTriangles
@@ -65,19 +63,17 @@ class BinTile(BufferGroup):
     texels: int
     place: tuple[np.int32, np.int32, np.int32, np.int32]
     stiffness: Buffer | None = None
-    cushion: BinTile | None = None
+    cushion: CushionTile | None = None
 
-    def read(
-        self, device: Device, maps: int, index: int, bits: int, broad: bool = False
-    ) -> NDArray[np.integer]:
-        """(n, n) codes of the map `index` of so many.  broad: of the broad layer."""
+    def read(self, device: Device, maps: int, index: int, bits: int) -> NDArray[np.integer]:
+        """(n, n) codes of the map `index` of so many."""
         side, dtype = int(self.place[0]), np.dtype(f"i{bits // 8}")
         codes = device.read(self.codes, (self.texels // VECTOR, maps, VECTOR), dtype)
         found: NDArray[np.integer] = codes[:, index]
-        return in_rows(found, side) if broad else found.reshape(side, side)
+        return found.reshape(side, side)
 
     @property
-    def _buffers(self) -> tuple[VectorTriangles | Buffer | BinTile | None, ...]:
+    def _buffers(self) -> tuple[VectorTriangles | Buffer | CushionTile | None, ...]:
         return (self.triangles, self.codes, self.stiffness, self.cushion)
 
 
@@ -143,55 +139,23 @@ class BinMaker:
 
         self._device.step(run)
 
-    def _tile(self, square: tuple[int, int, int], codes: Buffer) -> BinTile:
+    def _tile(self, square: Square, codes: Buffer) -> BinTile:
         """The tile of codes, with the triangles and the stiffness of its texels."""
-        side = self._settings.resolution
-        tile = self._located_tile((side, *square), codes)
-        cushion = self._cushion(square)
-        if cushion is None:
-            return tile
-        # Stiff in one of both is stiff in both: they are blended alike.
-        stiff = tile.stiffness is not None or cushion.stiffness is not None
-        own, coarse = (self._stiff(one) if stiff else one for one in (tile, cushion))
-        return replace(own, cushion=coarse)
-
-    def _stiff(self, tile: BinTile) -> BinTile:
-        """The tile, with a stiffness of 1 where it has none."""
-        if tile.stiffness is not None:
-            return tile
-        return replace(tile, stiffness=self._device.full(tile.texels, np.float32(1.0)))
-
-    def _cushion(self, square: tuple[int, int, int]) -> BinTile | None:
-        """The broad layer of a square (row, column, texels per side), None where there is none."""
-        if self._elements.cushion is None:
-            return None
-        factor = self._elements.cushion.factor
-        maker = CushionBins(self._device, self._elements, self._settings)
-        codes, texels = maker.codes(square), coarse_side(square[2], factor)
-        row, column = (at // factor - APRON for at in square[:2])
-        place = (self._settings.resolution // factor, row, column, texels)
-        return self._located_tile(place, codes, squares(texels))
-
-    def _located_tile(
-        self,
-        place: tuple[int, int, int, int],
-        codes: Buffer,
-        defines: Mapping[str, object] = NO_DEFINES,
-    ) -> BinTile:
-        """A tile of codes at `place`: (texels per side of the map, row, column, texels per side of
-        the tile).
-
-        defines: of its vectors.
-        """
-        side, row, column, texels = place
+        side, (row, column, texels) = self._settings.resolution, square
         triangles = self._located.texels(side, row, column, texels)
-        found = VectorTriangles.of(self._device, triangles, texels * texels, defines)
+        found = VectorTriangles.of(self._device, triangles, texels * texels)
         triangles.release()
         stiffness = stiffness_of_texels(
             self._device, self._stiffness, self._located.udim, side, row, column, texels
         )
-        of_tile = (np.int32(texels), np.int32(side), np.int32(row), np.int32(column))
-        return BinTile(found, codes, texels * texels, of_tile, stiffness)
+        place = (np.int32(texels), np.int32(side), np.int32(row), np.int32(column))
+        return BinTile(found, codes, texels * texels, place, stiffness, self._cushion(square))
+
+    def _cushion(self, square: Square) -> CushionTile | None:
+        """The broad layer around a square, None where there is none."""
+        if self._elements.cushion is None:
+            return None
+        return CushionMaker(self._device, self._elements, self._settings).tile(square)
 
     def _tilt(self, index: int, square: Square, map: NDArray[np.int32], codes: Buffer) -> None:
         """Write codes of the angle at which wrinkles run within their bin, drawn at the largest

@@ -4,7 +4,7 @@ blend_smooth.cl, blend_stiff.cl."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -29,19 +29,14 @@ from rhytid.pipeline.bins import (
     parts,
     quantisation_steps,
 )
-from rhytid.pipeline.cushion import (
-    cushion_map_count,
-    cushion_settings,
-    cushion_steps,
-    range_of_codes,
-)
+from rhytid.pipeline.cushion_blend import CushionBlend
 from rhytid.pipeline.cushion_layer import APRON
 from rhytid.pipeline.grain import grain_amplitude, grain_gains, relief
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.reach import SCALE_LIMIT, response_defines
 from rhytid.pipeline.smooth import SmoothFields
 from rhytid.pipeline.stretch import StretchBuffers
-from rhytid.pipeline.vectors import VECTOR, squares
+from rhytid.pipeline.vectors import VECTOR
 
 # How merge.clh calls a merge. `signed` is `mellow` of one signed map in place of two.
 MERGES = {"min": "MIN", "soft": "SOFT", "signed": "MELLOW", "mellow": "MELLOW"}
@@ -94,20 +89,13 @@ class Blend:
         settings: AssetSettings,
         triangles: int,
         shares: ShareRange = EVEN,
-        *,
-        coarse: bool = False,
     ) -> None:
-        """triangles: how many the mesh has.  shares: of its graph.  coarse: for the broad layer
-        alone, which has no pores, no grain and one sign."""
+        """triangles: how many the mesh has.  shares: of its graph."""
         assert settings.depth is not None
-        steps = (cushion_steps if coarse else quantisation_steps)(settings, shares)
-        self._cushion: Blend | None = None
-        narrow_unit = unit_of(settings)
-        if coarse:
-            settings = cushion_settings(settings)
-        elif settings.shape.cushion > 0.0:
-            self._cushion = Blend(device, settings, triangles, shares, coarse=True)
-        self._settings, self._coarse = settings, coarse
+        self._cushion: CushionBlend | None = None
+        if settings.shape.cushion > 0.0:
+            self._cushion = CushionBlend(device, settings, shares)
+        self._settings = settings
         bins, response = settings.bins, settings.response
         self._device, self._bins, self._triangles = device, bins, triangles
         self._last_sample = np.float32(settings.last_sample)
@@ -117,7 +105,7 @@ class Blend:
         self._exponents = np.array([*exponents, *limits], np.float32)
         self._response = response_defines(response.soft_limits)
         self._directions = device.upload(_directions(bins))
-        self._steps = device.upload(steps)
+        self._steps = device.upload(quantisation_steps(settings, shares))
         self._layers: dict[str, object] = {
             "LAYERS": bins.count + 1,
             "SAMPLES": bins.samples,
@@ -132,18 +120,8 @@ class Blend:
             "CODE_BITS": bins.bits,
             "PARTS": len(parts(bins)),
             "MERGE": MERGES[bins.merge],
-            "MAPS": cushion_map_count(settings) if coarse else map_count(bins),
+            "MAPS": map_count(bins),
         }
-        if coarse:
-            # Both layers take the coefficients of the narrow one.
-            gain = range_of_codes(settings) * narrow_unit / unit_of(settings)
-            own = {
-                "DRAWN": bins.count,
-                "TILT_MAPS": 0,
-                "MERGE": "VALLEYS_ONLY",
-                "CODE_GAIN": f"{gain:.9e}f",
-            }
-            self._codes.update(own)
 
     def coefficients(self, stretch: StretchBuffers) -> Coefficients:
         """The factors of the codes of each layer in each triangle: where it stands between
@@ -180,31 +158,34 @@ class Blend:
         return found
 
     def tile(
-        self, maps: BinTile, coefficients: Coefficients, grain: Buffer | None = None
+        self,
+        maps: BinTile,
+        coefficients: Coefficients,
+        grain: Buffer | None = None,
+        lines: Buffer | None = None,
     ) -> Buffer:
         """float32 displacement of one tile, on the device (Alg. 3, lines 11 to 15).
 
-        grain: codes of its texels, to be added where they are given."""
-        return self.tiles([maps], coefficients, None if grain is None else [grain])[0]
+        grain: codes of its texels, to be added where they are given.  lines: as in `tiles`."""
+        return self.tiles([maps], coefficients, None if grain is None else [grain], lines)[0]
 
     def tiles(
         self,
         tiles: Sequence[BinTile],
         coefficients: Coefficients,
         grains: Sequence[Buffer] | None = None,
+        lines: Buffer | None = None,
     ) -> list[Buffer]:
-        """float32 displacement of tiles with equally many texels, TILES_A_LAUNCH a launch."""
-        made = [self._room(maps) for maps in tiles]
+        """float32 displacement of tiles with equally many texels, TILES_A_LAUNCH a launch.
+
+        lines: `ends` of LineStretches, where the tiles have a broad layer.
+        """
+        made = [self._device.empty(maps.texels, np.float32) for maps in tiles]
         for first in range(0, len(tiles), TILES_A_LAUNCH):
             some = slice(first, first + TILES_A_LAUNCH)
             own = None if grains is None else grains[some]
-            self._launch_blend(tiles[some], made[some], coefficients, own)
+            self._launch_blend(tiles[some], made[some], coefficients, own, lines)
         return made
-
-    def _room(self, maps: BinTile) -> Buffer:
-        """A buffer for the displacement of a tile, with a vector more: the spline reads beyond the
-        end of a coarse one."""
-        return self._device.empty(maps.texels + VECTOR, np.float32)
 
     def _launch_blend(
         self,
@@ -212,9 +193,10 @@ class Blend:
         made: Sequence[Buffer],
         coefficients: Coefficients,
         grains: Sequence[Buffer] | None,
+        lines: Buffer | None,
     ) -> None:
         vectors = tiles[0].texels // VECTOR
-        with self._raised(tiles, lambda broad, own: broad.tiles(own, coefficients)) as raised:
+        with self._raised(tiles, lines) as raised:
             of_each = [
                 (maps.triangles.firsts, maps.triangles.members, maps.codes,
                  coarse, grains[i] if grains else None, made[i])
@@ -228,59 +210,63 @@ class Blend:
                 np.float32(grain_amplitude(self._settings)), np.float32(self._settings.depth),
                 group=_group(self._device.shape.vectors, vectors),
                 defines={
-                    **self._layers, **self._codes, **self._vectors(tiles[0]), **raised.defines,
+                    **self._layers, **self._codes, **raised.defines,
                     **({**self._response, "GRAINY": 1} if grains else {}),
                 },
             )  # fmt: skip
 
-    def stiff_tile(self, maps: BinTile, stretches: Buffer) -> Buffer:
+    def stiff_tile(self, maps: BinTile, stretches: Buffer, lines: Buffer | None = None) -> Buffer:
         """float32 displacement of a tile whose texels have a stiffness (Alg. 3, lines 8 to 15).
 
-        stretches: the result of the method `stretches`.
+        stretches: the result of the method `stretches`.  lines: as in `tiles`.
         """
-        out = self._room(maps)
-        with self._raised(
-            [maps], lambda broad, own: [broad.stiff_tile(own[0], stretches)]
-        ) as raised:
+        out = self._device.empty(maps.texels, np.float32)
+        with self._raised([maps], lines) as raised:
             self._device.launch(
                 "blend_stiff", "blend_stiff", (maps.texels // VECTOR,),
                 maps.triangles.firsts, maps.triangles.members, maps.stiffness, maps.codes,
                 stretches, self._steps, self._last_sample, self._exponents, self._unit,
                 maps.place[0], *raised.coarse, out,
-                defines={**self._sampled, **raised.defines, **self._vectors(maps)},
+                defines={**self._sampled, **raised.defines},
             )  # fmt: skip
         return out
 
-    def smooth_tile(self, maps: BinTile, fields: SmoothFields, located: UdimTriangles) -> Buffer:
+    def smooth_tile(
+        self,
+        maps: BinTile,
+        fields: SmoothFields,
+        located: UdimTriangles,
+        lines: Buffer | None = None,
+    ) -> Buffer:
         """float32 displacement of a tile with a stretch of its own for every texel (Alg. 3, lines 2
-        to 15)."""
-        out = self._room(maps)
-        with self._raised(
-            [maps], lambda broad, own: [broad.smooth_tile(own[0], fields, located)]
-        ) as raised:
+        to 15).
+
+        lines: as in `tiles`, by the same fields.
+        """
+        out = self._device.empty(maps.texels, np.float32)
+        with self._raised([maps], lines) as raised:
             self._device.launch(
                 "blend_smooth", "blend_smooth", (maps.texels // VECTOR,),
                 maps.triangles.firsts, maps.triangles.members, maps.codes, self._steps,
                 self._directions, self._last_sample, self._exponents, self._unit,
                 *maps.place, *fields.arguments(located),
                 fields.neutral, maps.stiffness, *raised.coarse, out,
-                defines={**self._sampled, **raised.defines, **self._vectors(maps)},
+                defines={**self._sampled, **raised.defines},
             )  # fmt: skip
         return out
 
     @contextmanager
-    def _raised(
-        self, tiles: Sequence[BinTile], make: Callable[[Blend, list[BinTile]], list[Buffer]]
-    ) -> Iterator[_Raised]:
-        """The broad layer of tiles, which `make` blends from their coarse tiles; it is released
-        when the block ends. Nothing where a tile has none."""
+    def _raised(self, tiles: Sequence[BinTile], lines: Buffer | None) -> Iterator[_Raised]:
+        """The broad layer of tiles; it is released when the block ends. Nothing where a tile has
+        none."""
         found = [maps.cushion for maps in tiles if maps.cushion is not None]
         if self._cushion is None or len(found) < len(tiles):
             yield _Raised([None] * len(tiles), {})
             return
-        coarse = make(self._cushion, found)
-        sides = int(tiles[0].place[0]), int(found[0].place[0]) - 2 * APRON
-        yield _Raised(coarse, {"RAISED": 1, "COARSER": sides[0] // sides[1]})
+        assert lines is not None
+        coarse = [self._cushion.tile(cushion, lines) for cushion in found]
+        texels = int(tiles[0].place[0])
+        yield _Raised(coarse, {"RAISED": 1, "COARSER": texels // (found[0].side - 2 * APRON)})
         for buffer in coarse:
             buffer.release()
 
@@ -288,10 +274,6 @@ class Blend:
     def _sampled(self) -> dict[str, object]:
         """The defines of the kernels that find r of each texel."""
         return {**self._layers, **self._response, **self._oriented, **self._codes}
-
-    def _vectors(self, maps: BinTile) -> dict[str, object]:
-        """The defines that tell kernels which texels a vector has."""
-        return squares(int(maps.place[0])) if self._coarse else {}
 
     def _stretch(self, stretch: StretchBuffers) -> tuple[object, ...]:
         return (stretch.axes, stretch.logs, stretch.jacobians, self._directions)

@@ -55,6 +55,7 @@ class WrinkleArrays:
     as in line.clh.  origins: where these sample stretch.
 
     cushion: the arrays of the broad layer, or None where there is none.
+    rows (K,) int32: of the graph.
     """
 
     segments: NDArray[np.float32]
@@ -71,6 +72,7 @@ class WrinkleArrays:
     origins: Origins | None = None
     even: int = 0
     cushion: CushionArrays | None = None
+    rows: NDArray[np.int32] | None = None
 
 
 @dataclass(frozen=True)
@@ -143,6 +145,7 @@ def wrinkle_arrays(
         Origins.of(tail, graph.edge_copy_of, segments, triangle, stiffness),
         even,
         None if broad is None else broad.arrays(chosen, len(drawn), udim),
+        chosen.astype(np.int32),
     )
 
 
@@ -240,7 +243,8 @@ class UdimElements:
     """The wrinkles, pores and events of one UDIM on the device.
 
     work: of drawing any square of them.  pace, bins_pace: at which that goes, of what a frame shows
-    and of one precomputed map.  events: None where there are none.
+    and of one precomputed map.  events: None where there are none.  wrinkle_rows: of the graph,
+    and behind them -1.
     """
 
     def __init__(
@@ -269,6 +273,7 @@ class UdimElements:
         self._even = wrinkles.even
         self.wrinkle_origins = OriginBuffers.upload(device, wrinkles.origins, wrinkles.even)
         self.cushion = CushionElements.upload(device, wrinkles.cushion)
+        self.wrinkle_rows = _with_none(wrinkles.rows)
         self.centres = device.upload(pores.centres)
         self.roots = device.upload(pores.roots)
         self.pore_triangle = device.upload(pores.triangle)
@@ -317,6 +322,36 @@ class UdimElements:
                 value.release()
 
 
+@dataclass(frozen=True, eq=False)
+class LineSources:
+    """What K wrinkles of a UDIM answer to stretch by, copies as their originals do.
+
+    rows (K,): of the graph.  triangle (K,).  directions (K, 2): unit vectors in UV.  partners
+    (K, 2): which of the K continue at both ends, -1 for none.
+    """
+
+    rows: NDArray[np.int32]
+    triangle: NDArray[np.int32]
+    directions: NDArray[np.float64]
+    partners: NDArray[np.int32]
+
+    @classmethod
+    def read(cls, device: Device, elements: UdimElements) -> LineSources:
+        """Of all wrinkles of a UDIM, from the device."""
+        count, origins = elements.wrinkles, elements.wrinkle_origins
+        triangle = device.read(elements.wrinkle_triangle, (count,), np.int32)
+        along = device.read(elements.segments, (count, 4), np.float32)[:, 2:].astype(np.float64)
+        if origins is not None:
+            own = slice(origins.first, origins.first + origins.count)
+            triangle[own] = device.read(origins.triangle, (origins.count,), np.int32)
+            along[own] = device.read(origins.places, (origins.count, 4), np.float32)[:, 2:]
+        size = np.linalg.norm(along, axis=1, keepdims=True)
+        partners = np.full((count, 2), -1, np.int32)
+        if elements.partners is not None:
+            partners = device.read(elements.partners, (count, 2), np.int32)
+        return cls(elements.wrinkle_rows[:-1], triangle, along / np.maximum(size, 1e-30), partners)
+
+
 @dataclass(frozen=True)
 class CushionElements:
     """CushionArrays on the device."""
@@ -351,6 +386,11 @@ def work_of(
     broad = None if wrinkles.cushion is None else (wrinkles.cushion.lists, wrinkles.cushion.factor)
     lists = [wrinkles.lists, pores.lists, *(() if events is None else (events.lists,))]
     return MapWork(*lists, cushion=broad)
+
+
+def _with_none(rows: NDArray[np.int32] | None) -> NDArray[np.int32]:
+    """Rows of a graph, and behind them -1 for none."""
+    return np.append(np.zeros(0, np.int32) if rows is None else rows, np.int32(-1))
 
 
 def _upload(device: Device, array: NDArray[Any] | None) -> Buffer | None:

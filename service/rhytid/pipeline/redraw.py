@@ -24,6 +24,8 @@ from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR
 from rhytid.pipeline.work import BLOCK
 
+# The defines of kernels that find r of wrinkles, and no scales (RESPONSE of line_kinds.clh).
+R_ALONE = {"BENT": 1}
 # Fills the response, scales or r, of so many elements from their places, triangles and stiffness.
 Responder = Callable[[int, Buffer, Buffer, Buffer | None, Buffer], None]
 
@@ -47,12 +49,75 @@ class ScaleBuffers(BufferGroup):
         return (self.wrinkles, self.pores)
 
 
+@dataclass
+class LineStretches(BufferGroup):
+    """r of K wrinkles of a UDIM in one frame, on the device, to be filled for frame after frame:
+    fresh memory takes as long as what is written to it.
+
+    r: in the middle of each.  ends: (K + 1, 2) float32 at both ends, then that of none, 0.
+    frame: digest of the frame that they are of; "" for none.
+    """
+
+    r: Buffer
+    ends: Buffer
+    frame: str = ""
+
+    @classmethod
+    def allocate(cls, device: Device, elements: UdimElements) -> LineStretches:
+        """Buffers for the wrinkles of `elements`, not initialised."""
+        count = elements.wrinkles
+        return cls(device.empty(count, np.float32), device.empty(2 * (count + 1), np.float32))
+
+    def fill(
+        self,
+        device: Device,
+        elements: UdimElements,
+        settings: AssetSettings,
+        wrinkles: Responder,
+        frame: str,
+    ) -> None:
+        """Alg. 1 finds r in the middle; `response.ends` says how far ends go to that of the next.
+
+        wrinkles: launches Alg. 1 with the defines R_ALONE.
+        """
+        count = elements.wrinkles
+        given = (elements.segments, elements.wrinkle_triangle, elements.wrinkle_stiffness)
+        wrinkles(count, *given, self.r)
+        take_over(device, elements.wrinkle_origins, wrinkles, self.r, R_ALONE)
+        device.launch(
+            "ends", "end_stretches", (count + 1,),
+            self.r, elements.partners, np.int32(count), np.float32(settings.response.ends),
+            self.ends, defines=response_defines(settings.response.soft_limits),
+        )  # fmt: skip
+        self.frame = frame
+
+    @property
+    def _buffers(self) -> tuple[Buffer, ...]:
+        return (self.r, self.ends)
+
+
 def respond(
     device: Device, elements: UdimElements, settings: AssetSettings, stretch: StretchBuffers
 ) -> ScaleBuffers:
     """Alg. 1 for every wrinkle and Alg. 2 for every pore."""
-    response, defines = settings.response, response_defines(settings.response.soft_limits)
     scales = ScaleBuffers.allocate(device, elements)
+    wrinkles = wrinkle_responder(device, settings, stretch, elements.response_defines)
+    pores = pore_responder(device, settings, stretch)
+    respond_with(device, elements, settings, scales, wrinkles, pores)
+    return scales
+
+
+def wrinkle_responder(
+    device: Device,
+    settings: AssetSettings,
+    stretch: StretchBuffers,
+    defines: Mapping[str, object],
+) -> Responder:
+    """Launches Alg. 1 with the stretch of each triangle.
+
+    defines: `response_defines` of the elements, or R_ALONE.
+    """
+    response, limits = settings.response, response_defines(settings.response.soft_limits)
 
     def wrinkles(
         count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer
@@ -61,12 +126,10 @@ def respond(
             "respond", "respond_wrinkles", (-(-count // VECTOR),),
             places, triangle, stretch.axes, stretch.logs, stretch.jacobians, stiff, np.int32(count),
             np.float32(response.alpha_w), np.float32(response.alpha_d), into,
-            defines={**defines, **elements.response_defines},
+            defines={**limits, **defines},
         )  # fmt: skip
 
-    pores = pore_responder(device, settings, stretch)
-    respond_with(device, elements, settings, scales, wrinkles, pores)
-    return scales
+    return wrinkles
 
 
 def pore_responder(device: Device, settings: AssetSettings, stretch: StretchBuffers) -> Responder:

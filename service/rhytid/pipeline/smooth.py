@@ -7,6 +7,7 @@ only where the UV have a seam.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -118,9 +119,27 @@ def respond_smooth(
     fields: SmoothFields,
 ) -> ScaleBuffers:
     """Alg. 1 for every wrinkle and Alg. 2 for every pore, each at its own point."""
-    response, texels = settings.response, np.float32(settings.resolution)
     scales = ScaleBuffers.allocate(device, elements)
-    defines = response_defines(response.soft_limits)
+    defines = elements.response_defines
+    wrinkles = smooth_wrinkle_responder(device, located, settings, fields, defines)
+    pores = smooth_pore_responder(device, located, settings, fields)
+    respond_with(device, elements, settings, scales, wrinkles, pores)
+    return scales
+
+
+def smooth_wrinkle_responder(
+    device: Device,
+    located: UdimTriangles,
+    settings: AssetSettings,
+    fields: SmoothFields,
+    defines: Mapping[str, object],
+) -> Responder:
+    """Launches Alg. 1 with the stretch at each middle.
+
+    defines: as of `wrinkle_responder`.
+    """
+    response, texels = settings.response, np.float32(settings.resolution)
+    limits = response_defines(response.soft_limits)
 
     def wrinkles(
         count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer
@@ -129,12 +148,10 @@ def respond_smooth(
             "smooth", "respond_smooth_wrinkles", (count,),
             places, triangle, texels, *fields.arguments(located), fields.neutral, stiff,
             np.float32(response.alpha_w), np.float32(response.alpha_d), into,
-            defines={**defines, **elements.response_defines},
+            defines={**limits, **defines},
         )  # fmt: skip
 
-    pores = smooth_pore_responder(device, located, settings, fields)
-    respond_with(device, elements, settings, scales, wrinkles, pores)
-    return scales
+    return wrinkles
 
 
 def smooth_pore_responder(

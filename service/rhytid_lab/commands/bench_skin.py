@@ -18,7 +18,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.engine.assets.graphs import check_graph
 from rhytid.errors import DeviceMemoryError
 from rhytid.pipeline.bins import map_count
-from rhytid.pipeline.cushion import cushion_map_count
+from rhytid.pipeline.cushion import bytes_a_sample
 from rhytid.support.console import share_bar
 from rhytid.synthesis.capacity import wrinkles_in_all
 from rhytid.synthesis.fields import Fields
@@ -35,8 +35,8 @@ GIB = 1 << 30
 _COPIES, _DRAWN, _PLACED, _NEUTRAL = 8.0, 4.5, 1.6, 11.5
 # Of cushions, at half the resolution where it is finest: a map, and a code of grain.
 _BROAD = 2.0
-# A wrinkle with its pores, a triangle.
-_WRINKLE, _TRIANGLE = 66, 240
+# A wrinkle with its pores and its log stretch, a triangle.
+_WRINKLE, _TRIANGLE = 74, 240
 # Bytes on the host: a map that is read in tiles and put together; a wrinkle while it is grown; what
 # the process and its libraries take.
 _READ, _GROWN, _PROCESS = 8.0, 210, 400_000_000
@@ -109,7 +109,7 @@ class Need:
             bins, codes = settings.bins, settings.bins.bits / 8
             a_texel += map_count(bins) * codes + _PLACED
             if settings.shape.cushion > 0.0:
-                a_texel += 0.25 * cushion_map_count(settings) * codes
+                a_texel += 0.25 * bytes_a_sample(settings)
         if "convolved" in cases:
             a_texel += _NEUTRAL
         texels = settings.resolution**2

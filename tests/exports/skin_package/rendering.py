@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from exports.skin_package.ktx2 import read_ktx2
 
+CUSHIONS = ("rhytid_cushions", "rhytid_cushion_owners", "rhytid_cushion_lines")
 KINDS = {10: "ni1", 74: "u2", 98: "u4"}
 _ARRAY, _RED, _BYTE, _R8_SNORM, _UNPACK_ALIGNMENT = 0x8C1A, 0x1903, 0x1400, 0x8F94, 0x0CF5
 
@@ -36,8 +37,8 @@ class Renderer:
         self._textures["rhytid_triangles"] = self._array(self.manifest["triangles"])
         cushion = self.manifest["cushion"]
         if cushion is not None:
-            self._add_sets("rhytid_cushions", "rhytid_cushion_codes", cushion)
-            self._textures["rhytid_cushion_triangles"] = self._array(cushion["triangles"])
+            for name, of in zip(CUSHIONS, ("textures", "owners", "lines"), strict=True):
+                self._textures[name] = self._array(cushion[of])
 
     def heights(self, stretch: NDArray[np.float32], last: str = "height") -> NDArray[np.float32]:
         """(R, R) mesh units, row 0 at the top.  stretch: the texture of a frame.  last: the pass
@@ -49,6 +50,10 @@ class Renderer:
         weights = self.manifest["weights"]
         size = weights["width"], weights["height"]
         self._textures["rhytid_weights"] = self._draw("weights", size, 4)
+        if "lines" in self._passes:
+            lines = self.manifest["cushion"]["lines"]
+            drawn = self._draw("lines", (lines["width"], lines["height"]), 4)
+            self._textures["rhytid_cushion_stretch"] = drawn
         if "cushion" in self._passes:
             side = self.manifest["cushion"]["textures"]["size"]
             self._textures["rhytid_cushion"] = self._draw("cushion", (side, side))

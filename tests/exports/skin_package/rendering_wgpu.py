@@ -61,8 +61,9 @@ class WebGpuRenderer:
         self._add_sets("rhytid_wrinkles", "rhytid_wrinkle_codes", self.manifest["wrinkles"])
         cushion = self.manifest["cushion"]
         if cushion is not None:
-            self._add_sets("rhytid_cushions", "rhytid_cushion_codes", cushion)
-            self._add("rhytid_cushion_triangles", cushion["triangles"])
+            self._add("rhytid_cushions", cushion["textures"])
+            self._add("rhytid_cushion_owners", cushion["owners"])
+            self._add("rhytid_cushion_lines", cushion["lines"])
 
     def heights(self, stretch: NDArray[np.float32]) -> NDArray[np.float32]:
         """(R, R) mesh units, row 0 at the top.  stretch: the texture of a frame."""
@@ -71,6 +72,10 @@ class WebGpuRenderer:
         weights = self.manifest["weights"]
         size = weights["width"], weights["height"]
         self._textures["rhytid_weights"] = self._draw("weights", size, "rgba32float").create_view()
+        if "lines" in self._shaders.passes:
+            lines = self.manifest["cushion"]["lines"]
+            drawn = self._draw("lines", (lines["width"], lines["height"]), "rgba32float")
+            self._textures["rhytid_cushion_stretch"] = drawn.create_view()
         if "cushion" in self._shaders.passes:
             side = self.manifest["cushion"]["textures"]["size"]
             drawn = self._draw("cushion", (side, side), "r32float")
@@ -129,11 +134,11 @@ class WebGpuRenderer:
 
     def _read_by(self, name: str, bindings: dict[str, int]) -> dict[str, int]:
         """Bindings that a pass uses: what it does not is left out of the layout."""
-        cushion = {"rhytid_cushions", "rhytid_cushion_codes", "rhytid_cushion_triangles"}
-        if name == "cushion":
-            used = {*cushion, "rhytid_weights"}
-            return {one: n for one, n in bindings.items() if one in used}
-        return {one: n for one, n in bindings.items() if one not in cushion}
+        cushion = {"rhytid_cushions", "rhytid_cushion_owners", "rhytid_cushion_stretch"}
+        lines = {"rhytid_cushion_lines", "rhytid_stretch"}
+        used = {"cushion": cushion, "lines": lines, "weights": {"rhytid_stretch"}}.get(name)
+        others = {*bindings} - cushion - lines
+        return {one: n for one, n in bindings.items() if one in (used or others)}
 
     def _read(self, texture: Any, side: int) -> NDArray[np.float32]:
         layout = {"bytes_per_row": 4 * side, "rows_per_image": side}

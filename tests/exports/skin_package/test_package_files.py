@@ -18,6 +18,7 @@ from pipeline.scenes import settings_of
 from rhytid.domain.tiles import TileAddress
 from rhytid.errors import LimitError, SettingsError
 from rhytid.exports.skin_package import package, texture_arrays
+from rhytid.exports.skin_package.cushion_lines import used_lines
 from rhytid.exports.skin_package.manifest import Manifest, schema
 from rhytid.exports.skin_package.maps import SkinMaps, check_settings
 from rhytid.exports.skin_package.package import PackageWriter
@@ -25,6 +26,7 @@ from rhytid.exports.skin_package.runtime import stretch
 from rhytid.exports.skin_package.texture_arrays import Paging, SetFiles, in_sets, pyramid
 from rhytid.formats.gltf import read_glb_shapes
 from rhytid.formats.ktx2 import ktx2_pieces
+from rhytid.pipeline.elements import LineSources
 
 
 def texture(written: Written, name: str) -> Texture:
@@ -55,7 +57,7 @@ def test_the_manifest_fits_its_schema_and_names_every_file(written: Written) -> 
     cushion, wrinkles = found.cushion, found.wrinkles
     arrays = [
         found.textures, found.triangles, wrinkles.textures, wrinkles.codes,
-        cushion.textures, cushion.codes, cushion.triangles,
+        cushion.textures, cushion.owners, cushion.lines,
     ]  # fmt: skip
     named = {
         "manifest.json", "manifest.schema.json", found.mesh.file, found.stretch.rest,
@@ -97,15 +99,60 @@ def test_level_0_has_the_codes_of_the_maps(written: Written) -> None:
 
 
 def test_cushions_have_their_apron(written: Written) -> None:
-    found, cushion = of_sets(written, "cushions"), manifest(written).cushion
+    found, cushion = texture(written, "cushions").levels[0], manifest(written).cushion
     assert cushion is not None
     address = TileAddress(1001, 0, 0, 1)
-    codes = written.engine.tiles.bin_tile(written.asset, address, "cushions", 2, 1)
     row, column = (128 * at // cushion.factor for at in (0, 1))
-
-    assert np.array_equal(found[7, row:, column:][: len(codes), : len(codes)], codes)
+    for at, (layer, sample) in enumerate(
+        [*(("cushions", m) for m in range(5)), ("cushion_places", 0)]
+    ):
+        codes = written.engine.tiles.bin_tile(written.asset, address, layer, 0, sample)
+        assert np.array_equal(found[at, row:, column:][: len(codes), : len(codes)], codes)
     assert found.shape[1] == 256 // cushion.factor + 2 * cushion.apron
-    assert texture(written, "cushion_triangles").levels[0].shape == (1, *found.shape[1:])
+    assert texture(written, "cushion_owners").levels[0].shape == (1, *found.shape[1:])
+
+
+def test_owners_name_the_lines_that_they_are(written: Written) -> None:
+    owners = texture(written, "cushion_owners").levels[0][0].astype(int)
+    table = texture(written, "cushion_lines").levels[0].reshape(4, -1).astype(np.int64)
+    lines, cushion = (
+        written.engine.tiles.cushion_lines(written.asset, 1001),
+        manifest(written).cushion,
+    )
+    assert cushion is not None
+    factor = cushion.factor
+    rows = np.full(owners.shape, -1)
+    for row, column in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        address = TileAddress(1001, 0, row, column)
+        codes = written.engine.tiles.bin_tile(written.asset, address, "cushion_owners")
+        y, x = (128 * at // factor for at in (row, column))
+        rows[y : y + len(codes), x : x + len(codes)] = codes
+    owned = rows >= 0
+    of = np.argsort(lines.rows)[np.searchsorted(np.sort(lines.rows), rows[owned])]
+    code = table[1][owners[owned]]
+    directions = (np.stack([code & 65535, code >> 16], axis=1) - 32768) / 32767
+
+    assert owned.mean() > 0.5
+    assert not owned.all()
+    assert np.array_equal(table[0][owners[owned]], lines.triangle[of])
+    assert np.abs(directions - lines.directions[of]).max() <= 0.5 / 32767 + 1e-9
+    assert len(np.unique(owners[~owned])) == 1
+    assert table[0][owners[~owned][0]] == len(written.mesh.faces)
+
+
+def test_lines_that_continue_one_another_find_each_other() -> None:
+    lines = LineSources(
+        rows=np.arange(10, 15, dtype=np.int32),
+        triangle=np.arange(5, dtype=np.int32),
+        directions=np.tile([0.6, -0.8], (5, 1)),
+        partners=np.array([[-1, 3], [-1, -1], [0, -1], [1, -1], [-1, 2]], np.int32),
+    )
+    numbers, table = used_lines(np.array([[13, -1], [10, 13]]), lines, 7)
+
+    assert numbers.tolist() == [[2, 3], [0, 2]]  # of 10, 11 and 13, then of none
+    assert table[0].tolist() == [0, 1, 3, 7]
+    assert table[2:, :3].tolist() == [[0, 0, 2], [3, 0, 0]]
+    assert table[2:, 3].tolist() == [0, 0]
 
 
 def test_coarser_levels_are_rounded_means(written: Written) -> None:

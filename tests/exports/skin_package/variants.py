@@ -32,7 +32,9 @@ def _changed(full: Manifest, merge: str, plain: bool) -> Manifest:
     blend = blend.model_copy(update={"tilt": None, "grain": None})
     shaders = {
         name: one.model_copy(
-            update={"passes": {k: v for k, v in one.passes.items() if k != "cushion"}}
+            update={
+                "passes": {k: v for k, v in one.passes.items() if k not in ("lines", "cushion")}
+            }
         )
         for name, one in full.shaders.items()
     }

@@ -127,11 +127,13 @@ def bin_tile(
     layer: str = "wrinkles",
 ) -> Flow[NDArray[Any]]:
     """One tile of quantised codes, int8 or int16; the manifest's step turns them into heights.
+    Owners of cushions are int32, rows of the graph.
 
     layer: one of the manifest's: wrinkles, pores, for a mellow merge wrinkle_bulges and
     pore_bulges, with tilts wrinkle_tilts; of the cushions, coarse and with an apron,
-    cushions; grain.  bin, sample: needed where the layer has more than one: grain has one of both,
-    pores one bin, wrinkle_tilts one sample.
+    cushions, cushion_places and cushion_owners; grain.  bin, sample: needed where the layer has
+    more than one: grain, places and owners have one of both, pores and cushions one bin,
+    wrinkle_tilts one sample.
     """
     place = ("v1", "assets", asset_id(asset), "bins", udim, level, row, column)
     given = {"bin": bin, "sample": sample, "layer": layer}

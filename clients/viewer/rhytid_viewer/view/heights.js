@@ -1,4 +1,4 @@
-// The passes of the package: stretch to weights, cushions and heights of a UDIM.
+// The passes of the package: stretch to weights, lines, cushions and heights of a UDIM.
 
 import { Program, Target, Textures } from './gl.js';
 
@@ -32,6 +32,8 @@ export class Heights {
     this._target = target('R32F', resolution, resolution);
     const side = cushion?.textures.size;
     this._cushion = side ? target('R32F', side, side) : null;
+    const lines = cushion?.lines;
+    this._lines = lines ? target('RGBA32F', lines.width, lines.height) : null;
   }
 
   /** The triangle of every texel. @param {number} udim */
@@ -65,6 +67,11 @@ export class Heights {
   draw(udim, parts) {
     /** @type {Record<string, WebGLTexture>} */
     const found = { ...this._of(udim), rhytid_weights: this._weights.texture };
+    if (this._lines) {
+      this._programs.lines.use({}, { ...found, rhytid_stretch: this.stretch });
+      this._lines.fill();
+      found.rhytid_cushion_stretch = this._lines.texture;
+    }
     if (this._cushion) {
       this._programs.cushion.use({}, found);
       this._cushion.fill();
@@ -107,8 +114,6 @@ function uploaded(textures, found) {
     rhytid_wrinkles: textures.array(found.wrinkles),
     rhytid_wrinkle_codes: textures.array(found.wrinkleCodes),
   };
-  if (found.cushions) made.rhytid_cushions = textures.array(found.cushions);
-  if (found.cushionCodes) made.rhytid_cushion_codes = textures.array(found.cushionCodes);
-  if (found.cushionTriangles) made.rhytid_cushion_triangles = textures.array(found.cushionTriangles);
+  for (const [name, array] of Object.entries(found.cushions)) made[name] = textures.array(array);
   return made;
 }

@@ -111,7 +111,7 @@ function text(bytes) {
 
 /** @param {Manifest} manifest */
 function filesOf(manifest) {
-  const arrays = manifest.cushion ? 7 : 4;
+  const arrays = manifest.cushion ? 7 : 4; // of cushions of every kind three
   const passes = Object.keys(manifest.shaders[DIALECT].passes).length;
   return 4 + passes + arrays * manifest.udims.length;
 }
@@ -133,18 +133,43 @@ async function readTextures(manifest, readFile) {
     /** @param {import('./types.js').CodeFacts} facts */
     const codes = (facts) => readCodes(facts, udim, readFile);
     const { cushion, wrinkles: bins } = manifest;
-    const [maps, triangles, wrinkles, wrinkleCodes, cushions, cushionCodes, cushionTriangles] =
-      await Promise.all([
-        array(manifest.textures),
-        array(manifest.triangles),
-        array(bins.textures),
-        codes(bins.codes),
-        cushion && array(cushion.textures),
-        cushion && codes(cushion.codes),
-        cushion && array(cushion.triangles),
-      ]);
-    found.set(udim, { maps, triangles, wrinkles, wrinkleCodes, cushions, cushionCodes, cushionTriangles });
+    const [maps, triangles, wrinkles, wrinkleCodes, cushions] = await Promise.all([
+      array(manifest.textures),
+      array(manifest.triangles),
+      array(bins.textures),
+      codes(bins.codes),
+      readCushions(cushion, udim, readFile),
+    ]);
+    found.set(udim, { maps, triangles, wrinkles, wrinkleCodes, cushions });
   }
+  return found;
+}
+
+/**
+ * The textures of the cushions by the names of their uniforms.
+ * @param {import('./types.js').CushionFacts | null} cushion
+ * @param {number} udim
+ * @param {ReadFile} readFile
+ */
+async function readCushions(cushion, udim, readFile) {
+  /** @type {Record<string, Promise<import('./types.js').TextureArray>>} */
+  const asked = {};
+  if (cushion) asked.rhytid_cushions = readArray(cushion.textures, udim, readFile);
+  if (cushion?.owners) asked.rhytid_cushion_owners = readArray(cushion.owners, udim, readFile);
+  if (cushion?.lines) asked.rhytid_cushion_lines = readLines(cushion.lines, udim, readFile);
+  if (cushion?.codes) asked.rhytid_cushion_codes = readCodes(cushion.codes, udim, readFile);
+  if (cushion?.triangles) asked.rhytid_cushion_triangles = readArray(cushion.triangles, udim, readFile);
+  const entries = Object.entries(asked).map(async ([name, array]) => [name, await array]);
+  return Object.fromEntries(await Promise.all(entries));
+}
+
+/** @param {import('./types.js').LineFacts} facts @param {number} udim @param {ReadFile} readFile */
+async function readLines(facts, udim, readFile) {
+  const file = fileOf(facts.files, udim);
+  const found = await parsed(file, readFile, readKtx2);
+  const { width, height, layers, format } = found;
+  if (width !== facts.width || height > facts.height || layers !== 4 || format !== 'R32_UINT')
+    throw new Error(`${file}: ${width} x ${height} x ${layers} texels of ${format}, not what manifest.json says`);
   return found;
 }
 

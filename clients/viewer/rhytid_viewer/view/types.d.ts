@@ -20,12 +20,7 @@ export interface Manifest {
   textures: TextureFacts;
   triangles: TextureFacts;
   wrinkles: { textures: TextureFacts; codes: CodeFacts };
-  cushion: {
-    textures: TextureFacts;
-    codes: CodeFacts;
-    triangles: TextureFacts;
-    [name: string]: unknown;
-  } | null;
+  cushion: CushionFacts | null;
   stretch: {
     triangles: number;
     triangles_a_row: number;
@@ -39,6 +34,23 @@ export interface Manifest {
   shaders: Record<string, { vertex: string; passes: Record<string, string> }>;
   texture_bytes: number;
   texture_bytes_of_level_0: number;
+}
+
+/** The broad layer: with owners and lines; of packages of before with codes and triangles. */
+export interface CushionFacts {
+  textures: TextureFacts;
+  owners?: TextureFacts;
+  lines?: LineFacts;
+  codes?: CodeFacts;
+  triangles?: TextureFacts;
+  [name: string]: unknown;
+}
+
+/** What wrinkles answer to stretch by. */
+export interface LineFacts {
+  files: Record<string, string>;
+  width: number;
+  height: number;
 }
 
 /** Numbers of folds.js. */
@@ -101,9 +113,8 @@ export interface UdimTextures {
   triangles: TextureArray;
   wrinkles: TextureArray;
   wrinkleCodes: TextureArray;
-  cushions: TextureArray | null;
-  cushionCodes: TextureArray | null;
-  cushionTriangles: TextureArray | null;
+  /** Those of the cushions, by the names of their uniforms. */
+  cushions: Record<string, TextureArray>;
 }
 
 /** A skin package in memory. */

@@ -33,7 +33,15 @@ from rhytid.pipeline.bins import (
     sample_stretches,
     tilt_width,
 )
-from rhytid.pipeline.cushion import cushion_layers, cushion_map_count, cushion_steps
+from rhytid.pipeline.cushion import (
+    CUSHIONS,
+    OWNERS,
+    PLACES,
+    bytes_a_sample,
+    cushion_layers,
+    cushion_samples,
+    cushion_steps,
+)
 from rhytid.pipeline.cushion_layer import APRON
 from rhytid.pipeline.events import EVENT_ANSWER, EVENT_LAYER, event_codes, event_steps
 from rhytid.pipeline.grain import GRAIN, grain_amplitude, grain_exponent, relief
@@ -109,12 +117,14 @@ class DeviceBins:
             heights = self._events.heights(address.udim, self._base.square(address))
             return event_codes(heights, event_steps(self._events.tallest, settings))[sample]
         broad = cushion_layers(settings)
-        if layer not in broad:
+        if layer not in (*broad, OWNERS):
             return self.codes(address, layers(settings.bins)[layer][bin] + sample)
-        cushion, index = self.tile(address).cushion, broad[layer][bin] + sample
+        cushion = self.tile(address).cushion
         assert cushion is not None
-        maps, bits = cushion_map_count(settings), settings.bins.bits
-        return cushion.read(device, maps, index, bits, broad=True)
+        if layer == OWNERS:
+            rows = self._base.elements[address.udim].wrinkle_rows
+            return rows[cushion.read_owners(device)]
+        return cushion.read(device, broad[layer][0] + sample, settings.bins.bits)
 
     def manifest(self) -> BinManifest:
         """The manifest that clients need to blend the maps (docs/binned.md)."""
@@ -137,8 +147,7 @@ class DeviceBins:
         painted = () if base.stiffness is None else base.stiffness.maps
         a_texel = map_count(bins) * bins.bits / 8 + BYTES_A_TEXEL + self._grain.shows
         if base.cushion_factor is not None:
-            broad = cushion_map_count(base.settings) * bins.bits / 8 + BYTES_A_TEXEL
-            a_texel += broad / base.cushion_factor**2
+            a_texel += bytes_a_sample(base.settings) / base.cushion_factor**2
         sizes = (a_texel + 4 * (udim in painted) for udim in base.located)
         return round(sum(sizes) * base.settings.resolution**2)
 
@@ -148,26 +157,30 @@ class DeviceBins:
         """float32 of level-0 tiles of one UDIM, blended for a frame."""
         blend, model, udim = self._base.blend, query.stretch, addresses[0].udim
         tiles = self._tiles(addresses)
+        lines = self._frames.line_stretches(frame, query, udim)
         if query.sampling == "smooth":
             fields, located = self._frames.fields(frame, model), self._base.located[udim]
-            made = [blend.smooth_tile(maps, fields, located) for maps in tiles]
+            made = [blend.smooth_tile(maps, fields, located, lines) for maps in tiles]
             return self._grained(made, frame, query, addresses)
         plain = [a for a, maps in zip(addresses, tiles, strict=True) if maps.stiffness is None]
         stiff = [a for a in addresses if a not in plain]
-        found = dict(zip(plain, self._plain(frame, model, plain), strict=True))
+        found = dict(zip(plain, self._plain(frame, model, plain, lines), strict=True))
         stretches = self._frames.bin_stretches
-        others = [blend.stiff_tile(self.tile(a), stretches(frame, model)) for a in stiff]
+        others = [blend.stiff_tile(self.tile(a), stretches(frame, model), lines) for a in stiff]
         found |= dict(zip(stiff, self._grained(others, frame, query, stiff), strict=True))
         return [found[address] for address in addresses]
 
-    def _plain(self, frame: Frame, model: str, addresses: list[TileAddress]) -> list[Buffer]:
+    def _plain(
+        self, frame: Frame, model: str, addresses: list[TileAddress], lines: Buffer | None
+    ) -> list[Buffer]:
         """Tiles whose texels have no stiffness of their own."""
         if not addresses:
             return []
         tiles, grains = [self.tile(address) for address in addresses], None
         if self._grain.shows:
             grains = [self._grain.codes(a.udim, *self._base.square(a)[:2]) for a in addresses]
-        return self._base.blend.tiles(tiles, self._frames.coefficients(frame, model), grains)
+        coefficients = self._frames.coefficients(frame, model)
+        return self._base.blend.tiles(tiles, coefficients, grains, lines)
 
     def _grained(
         self, made: list[Buffer], frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]
@@ -220,12 +233,14 @@ def _manifest(
 def _cushion(settings: AssetSettings, factor: int | None) -> CushionLayer | None:
     if factor is None or settings.shape.cushion == 0.0:
         return None
-    return CushionLayer(factor, APRON, settings.shape.cushion_sharpness)
+    samples = tuple(cushion_samples(settings).tolist())
+    return CushionLayer(factor, APRON, samples, settings.response.alpha_d)
 
 
 def _layers(settings: AssetSettings) -> dict[str, int]:
-    places = {**layers(settings.bins), **cushion_layers(settings)}
-    found = {name: len(firsts) for name, firsts in places.items()}
+    found = {name: len(firsts) for name, firsts in layers(settings.bins).items()}
+    if settings.shape.cushion > 0.0:
+        found |= dict.fromkeys((CUSHIONS, PLACES, OWNERS), 1)
     return {**found, GRAIN: 1} if relief(settings) > 0.0 else found
 
 
@@ -237,8 +252,9 @@ def _steps(settings: AssetSettings, shares: ShareRange) -> dict[str, tuple[float
     found = {name: pores if name.startswith("pore") else wrinkles for name in layers(bins)}
     if bins.tilt:
         found[TILTS] = (1.0 / code_limit(bins.bits),)
-    for name in cushion_layers(settings):
-        found[name] = tuple(cushion_steps(settings, shares)[0, : bins.samples].tolist())
+    if settings.shape.cushion > 0.0:
+        found[CUSHIONS] = tuple(cushion_steps(settings, shares).tolist())
+        found |= {PLACES: (1.0 / code_limit(bins.bits),), OWNERS: (1.0,)}
     if relief(settings) > 0.0:
         found[GRAIN] = (grain_amplitude(settings),)
     return found

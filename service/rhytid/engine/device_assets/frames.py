@@ -26,8 +26,15 @@ from rhytid.pipeline.grain import (
     tiles_of_square,
 )
 from rhytid.pipeline.levels import Draw
-from rhytid.pipeline.redraw import ScaleBuffers, respond
-from rhytid.pipeline.smooth import SmoothFields, respond_smooth
+from rhytid.pipeline.redraw import (
+    R_ALONE,
+    LineStretches,
+    Responder,
+    ScaleBuffers,
+    respond,
+    wrinkle_responder,
+)
+from rhytid.pipeline.smooth import SmoothFields, respond_smooth, smooth_wrinkle_responder
 from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.work import Square
 
@@ -82,6 +89,30 @@ class DeviceFrames:
             return respond(device, elements, settings, self.stretch(frame, model))
 
         return base.cache.keep_of(frame, "scales", udim, model, sampling, make=make)
+
+    def line_stretches(self, frame: Frame, query: MapQuery, udim: int) -> Buffer | None:
+        """Log stretch at the ends of wrinkles, by which the fast method blends their broad layer;
+        None where there is none. It is that of this frame until another is asked for."""
+        base, model, sampling = self._base, query.stretch, query.sampling
+        device, elements, settings = base.device, base.elements[udim], base.settings
+        if elements.cushion is None:
+            return None
+        found: LineStretches = base.cache.keep(
+            "lines", udim, model, sampling, make=partial(LineStretches.allocate, device, elements)
+        )
+        if found.frame != frame.digest:
+            responder = self._lines_alone(frame, query, udim)
+            found.fill(device, elements, settings, responder, frame.digest)
+        return found.ends
+
+    def _lines_alone(self, frame: Frame, query: MapQuery, udim: int) -> Responder:
+        """Launches Alg. 1 for r of wrinkles."""
+        base, model = self._base, query.stretch
+        device, settings = base.device, base.settings
+        if query.sampling == "smooth":
+            fields, located = self.fields(frame, model), base.located[udim]
+            return smooth_wrinkle_responder(device, located, settings, fields, R_ALONE)
+        return wrinkle_responder(device, settings, self.stretch(frame, model), R_ALONE)
 
     def coefficients(self, frame: Frame, model: str) -> Coefficients:
         """Coefficients of each triangle by which the fast method blends."""

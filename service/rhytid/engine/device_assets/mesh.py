@@ -25,8 +25,8 @@ from rhytid.errors import NotFoundError
 from rhytid.pipeline.bins import EVEN, ShareRange
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.convolve import Convolve, SmoothConvolve
-from rhytid.pipeline.cushion_layer import APRON
 from rhytid.pipeline.elements import (
+    LineSources,
     PoreArrays,
     UdimElements,
     WrinkleArrays,
@@ -127,22 +127,17 @@ class DeviceMesh:
     def texel_triangles(self, udim: int) -> NDArray[np.int32]:
         """(R, R) triangle of each texel of level 0; the number of triangles for none."""
         side = self.settings.resolution
-        return self._triangles(udim, side, 0)
-
-    def cushion_triangles(self, udim: int) -> NDArray[np.int32]:
-        """(n, n) triangle of each sample of the cushions, APRON samples more on every side of the
-        UDIM. Raises NotFoundError where there are no cushions."""
-        factor = self.cushion_factor
-        if factor is None:
-            raise NotFoundError("the asset has no cushions")
-        return self._triangles(udim, self.settings.resolution // factor, APRON)
-
-    def _triangles(self, udim: int, side: int, apron: int) -> NDArray[np.int32]:
-        count = side + 2 * apron
-        found = self.located[udim].texels(side, -apron, -apron, count)
-        result: NDArray[np.int32] = self.device.read(found, (count, count), np.int32)
+        found = self.located[udim].texels(side, 0, 0, side)
+        result: NDArray[np.int32] = self.device.read(found, (side, side), np.int32)
         found.release()
         return result
+
+    def cushion_lines(self, udim: int) -> LineSources:
+        """What the wrinkles of a UDIM answer to stretch by, for the owners of cushions. Raises
+        NotFoundError where there are no cushions."""
+        if self.cushion_factor is None:
+            raise NotFoundError("the asset has no cushions")
+        return LineSources.read(self.device, self.elements[udim])
 
     def prepare(self, graph: WrinkleGraph, settings: AssetSettings) -> Prepared:
         """The elements of each UDIM as arrays for the device. Work of the host, for any thread."""

@@ -24,6 +24,7 @@ from rhytid.engine.tiles.maps import MapDrawing
 from rhytid.errors import NotFoundError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.pipeline.bins import HEADROOM
+from rhytid.pipeline.elements import LineSources
 from rhytid.pipeline.reach import SCALE_LIMIT
 from rhytid.support.build_identity import drawing_version
 
@@ -99,12 +100,12 @@ class TileService(Tiles):
         found.check_address(TileAddress(udim, 0, 0, 0))
         return self._on_device.use(found, lambda resident: resident.mesh.texel_triangles(udim))
 
-    def cushion_triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
-        """(n, n) the triangle at each sample of the cushions, as `triangles` has it for texels,
-        with the apron around the UDIM. Raises NotFoundError where there are no cushions."""
+    def cushion_lines(self, asset: str, udim: int) -> LineSources:
+        """What the wrinkles of a UDIM answer to stretch by; raises NotFoundError where an asset has
+        no cushions, or not this UDIM."""
         found = self._assets.get(asset)
         found.check_address(TileAddress(udim, 0, 0, 0))
-        return self._on_device.use(found, lambda resident: resident.mesh.cushion_triangles(udim))
+        return self._on_device.use(found, lambda resident: resident.mesh.cushion_lines(udim))
 
     @override
     def bins(self, asset: str) -> BinManifest:

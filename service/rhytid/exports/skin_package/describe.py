@@ -10,8 +10,9 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.exports.skin_package import manifest as m
 from rhytid.exports.skin_package.languages import BINDINGS, LANGUAGES
-from rhytid.exports.skin_package.maps import CUSHIONS, WRINKLES, SkinMaps
+from rhytid.exports.skin_package.maps import WRINKLES, SkinMaps
 from rhytid.exports.skin_package.shaders import COMPUTE, materialx_files, stretch_file
+from rhytid.pipeline.cushion import CUSHIONS
 from rhytid.pipeline.events import EVENT_LAYER
 from rhytid.pipeline.folding import FoldRule
 
@@ -22,26 +23,26 @@ TRIANGLES_A_ROW = 1024
 class PackageTextures:
     """The textures of a package as the manifest describes them.
 
-    wrinkles, cushions: stored as sets, so that what the numbers of their texels stand for comes
-    with them.
+    wrinkles: stored as sets, so that what the numbers of their texels stand for comes with them.
+    cushions: maps, owners and lines.
     """
 
     maps: m.Textures
     wrinkles: tuple[m.Textures, m.Codes]
     triangles: m.Textures
-    cushions: tuple[m.Textures, m.Codes] | None
-    cushion_triangles: m.Textures | None
+    cushions: tuple[m.Textures, m.Textures, m.Lines] | None
 
 
 def package_manifest(
     maps: SkinMaps, mesh: Mesh, shapes: Expressions | None, written: PackageTextures
 ) -> m.Manifest:
     """The manifest of a package with these textures."""
-    in_sets = [one for one in (written.wrinkles, written.cushions) if one is not None]
-    plain = (written.maps, written.triangles, written.cushion_triangles)
-    found = [*(one for one in plain if one is not None), *(one for one, _ in in_sets)]
-    codes = sum(one.bytes for _, one in in_sets)
     wrinkles, wrinkle_codes = written.wrinkles
+    found, beside = [written.maps, written.triangles, wrinkles], wrinkle_codes.bytes
+    if written.cushions is not None:
+        maps_of_cushions, owners, lines = written.cushions
+        found += [maps_of_cushions, owners]
+        beside += lines.bytes
     return m.Manifest(
         **_facts(maps),
         mesh=_mesh(mesh, shapes),
@@ -55,8 +56,8 @@ def package_manifest(
         weights=_weights(maps, len(mesh.faces)),
         shaders={dialect: _shaders(dialect, written.cushions is not None) for dialect in LANGUAGES},
         materialx=materialx_files(),
-        texture_bytes=codes + sum(one.bytes for one in found),
-        texture_bytes_of_level_0=codes + sum(one.bytes_of_level_0 for one in found),
+        texture_bytes=beside + sum(one.bytes for one in found),
+        texture_bytes_of_level_0=beside + sum(one.bytes_of_level_0 for one in found),
         conventions=m.CONVENTIONS,
         left_out=m.LEFT_OUT,
     )
@@ -119,7 +120,7 @@ def _layer(maps: SkinMaps, name: str, first: int = 0) -> m.Layer:
     samples = {
         "pores": bins.pore_samples,
         "wrinkles": bins.samples,
-        CUSHIONS: bins.samples,
+        CUSHIONS: () if bins.cushion is None else bins.cushion.samples,
         EVENT_LAYER: (0.0, 0.0),
     }
     pores = name in ("pores", EVENT_LAYER)
@@ -135,18 +136,18 @@ def _layer(maps: SkinMaps, name: str, first: int = 0) -> m.Layer:
 
 
 def _cushion(maps: SkinMaps, written: PackageTextures) -> m.Cushion | None:
-    cushion, triangles = maps.bins.cushion, written.cushion_triangles
-    if cushion is None or written.cushions is None or triangles is None:
+    cushion = maps.bins.cushion
+    if cushion is None or written.cushions is None:
         return None
-    textures, codes = written.cushions
+    textures, owners, lines = written.cushions
+    layer = _layer(maps, CUSHIONS).model_copy(update={"depth_exponent": cushion.exponent})
     return m.Cushion(
         textures=textures,
-        codes=codes,
-        triangles=triangles,
-        layer=_layer(maps, CUSHIONS),
+        owners=owners,
+        lines=lines,
+        layer=layer,
         factor=cushion.factor,
         apron=cushion.apron,
-        sharpness=cushion.sharpness,
     )
 
 
@@ -194,7 +195,7 @@ def _folds(maps: SkinMaps, mesh: Mesh) -> m.Folds | None:
 
 
 def _shaders(dialect: str, cushion: bool) -> m.Shaders:
-    passes = ["weights", *(["cushion"] if cushion else []), "height"]
+    passes = ["weights", *(["lines", "cushion"] if cushion else []), "height"]
     language = LANGUAGES[dialect]
     folder, suffix = f"shaders/{dialect}", language.suffix
     return m.Shaders(

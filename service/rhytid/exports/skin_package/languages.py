@@ -163,8 +163,9 @@ BINDINGS = (
     "rhytid_maps",
     "rhytid_triangles",
     "rhytid_cushions",
-    "rhytid_cushion_codes",
-    "rhytid_cushion_triangles",
+    "rhytid_cushion_owners",
+    "rhytid_cushion_lines",
+    "rhytid_cushion_stretch",
     "rhytid_cushion",
 )
 

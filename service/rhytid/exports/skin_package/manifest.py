@@ -66,16 +66,29 @@ class Wrinkles(_Part):
     codes: Codes
 
 
+class Lines(_Part):
+    """What wrinkles answer to stretch by: an R32_UINT texture array of every UDIM, line i at column
+    i % width, row i / width. Its layers are the triangle; the direction, u in the lower 16 bits and
+    v in the upper, each 32768 + 32767 times the component; and of the start and of the end 1 + the
+    line that continues there, 0 for none. The last line is of samples without an owner."""
+
+    files: dict[str, str] = Field(description="KTX2 file by UDIM")
+    width: int
+    height: int = Field(description="of the largest")
+    ends: float = Field(description="how far r at an end goes to the mean with the next line's")
+    bytes: int = Field(ge=0, description="of the texels of all UDIMs")
+
+
 class Cushion(_Part):
-    """The broad layer of the wrinkles, coarse; in sets as the wrinkles are."""
+    """The broad layer of the wrinkles, coarse. The maps of `textures` are those of the samples of
+    `layer`, then where along its owner each sample lies, 127 at the end."""
 
     textures: Textures
-    codes: Codes
-    triangles: Textures
+    owners: Textures = Field(description="of each sample the line that it answers by")
+    lines: Lines
     layer: Layer
     factor: int = Field(description="texels to a sample")
     apron: int = Field(description="samples more on every side of a UDIM")
-    sharpness: float
 
 
 class Tilt(_Part):

@@ -19,20 +19,23 @@ from rhytid.domain.tiles import TileAddress
 from rhytid.errors import SettingsError
 from rhytid.exports.skin_package.texture_arrays import Paging
 from rhytid.pipeline.bins import HEADROOM, map_count
+from rhytid.pipeline.cushion import CUSHIONS, OWNERS, PLACES
+from rhytid.pipeline.elements import LineSources
 from rhytid.pipeline.events import EVENT_LAYER
 from rhytid.pipeline.grain import relief
 
 # The layers of the array of maps, in this order.
 LAYERS = ("pores", "wrinkle_tilts", "grain", EVENT_LAYER)
-# Layers with arrays of their own, stored as sets of their samples.
-WRINKLES, CUSHIONS = "wrinkles", "cushions"
+# The layer that is stored as sets of its samples.
+WRINKLES = "wrinkles"
 LEAST_CODE = -127
-Codes = NDArray[np.int8]
+Codes = NDArray[np.integer]
 
 
 @dataclass(frozen=True, eq=False)
 class UdimMaps:
-    """The maps of a UDIM by layer: (K, n, n) int8, for every bin those of its samples."""
+    """The maps of a UDIM by layer: (K, n, n) int8, for every bin those of its samples; owners
+    int32."""
 
     udim: int
     maps: dict[str, Codes]
@@ -88,8 +91,11 @@ class SkinMaps:
         """Zeros for the maps of a UDIM, for `fill`."""
         sides = dict.fromkeys((WRINKLES, *self.names), self.settings.resolution)
         if self.bins.cushion is not None:
-            sides[CUSHIONS] = self.cushion_side
-        maps = {n: np.zeros((self.count(n), side, side), np.int8) for n, side in sides.items()}
+            sides |= dict.fromkeys((CUSHIONS, PLACES, OWNERS), self.cushion_side)
+        maps: dict[str, Codes] = {
+            n: np.zeros((self.count(n), side, side), np.int32 if n == OWNERS else np.int8)
+            for n, side in sides.items()
+        }
         return UdimMaps(udim, maps)
 
     def fill(self, into: UdimMaps, address: TileAddress) -> None:
@@ -97,7 +103,7 @@ class SkinMaps:
         apron."""
         row, column = self.settings.grid.first_texel(address)
         for name, maps in into.maps.items():
-            cushion = self.bins.cushion if name == CUSHIONS else None
+            cushion = self.bins.cushion if name in (CUSHIONS, PLACES, OWNERS) else None
             factor = 1 if cushion is None else cushion.factor
             y, x, samples = row // factor, column // factor, len(self.bins.steps[name])
             for i, out in enumerate(maps):
@@ -176,5 +182,5 @@ class Tiles(Protocol):
     def triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
         """(R, R) the triangle of each texel."""
 
-    def cushion_triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
-        """(n, n) the triangle of each sample of the cushions."""
+    def cushion_lines(self, asset: str, udim: int) -> LineSources:
+        """What the wrinkles of a UDIM answer to stretch by."""

@@ -16,10 +16,11 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError
 from rhytid.exports.meshes import write_morph_glb
+from rhytid.exports.skin_package.cushion_lines import CushionFiles
 from rhytid.exports.skin_package.describe import PackageTextures, package_manifest
 from rhytid.exports.skin_package.languages import LANGUAGES
 from rhytid.exports.skin_package.manifest import FORMAT, Manifest, schema
-from rhytid.exports.skin_package.maps import CUSHIONS, WRINKLES, SkinMaps, UdimMaps
+from rhytid.exports.skin_package.maps import WRINKLES, SkinMaps, UdimMaps
 from rhytid.exports.skin_package.runtime import runtime
 from rhytid.exports.skin_package.runtime.stretch import rest_of
 from rhytid.exports.skin_package.shaders import COMPUTE, materialx_texts, shader_texts
@@ -32,13 +33,15 @@ from rhytid.exports.skin_package.texture_arrays import (
     pyramid,
 )
 from rhytid.formats.ktx2 import CHANNELS
+from rhytid.pipeline.cushion import CUSHIONS, OWNERS, PLACES
 from rhytid.support.atomic_files import atomic_write, write_file
 from rhytid.support.build_identity import modules_digest
 
 MANIFEST, SCHEMA, MESH, REST = "manifest.json", "manifest.schema.json", "skin.glb", "triangles.bin"
 TEXTURES = (
     "maps", "wrinkles", "wrinkles_codes", "triangles",
-    "cushions", "cushions_codes", "cushion_triangles",
+    "cushions", "cushion_owners", "cushion_lines",
+    "cushions_codes", "cushion_triangles",  # of packages of before
 )  # fmt: skip
 Step = Callable[[], None]
 # The packages of modules that write files of skin packages.
@@ -97,11 +100,10 @@ class PackageWriter:
         self._triangles = TextureFiles(textures, "triangles", index, 1, across)
         samples, self._bins = maps.settings.bins.samples, maps.bins.layers[WRINKLES]
         self._wrinkles = SetFiles(textures, WRINKLES, self._bins, samples, across)
-        self._cushions: SetFiles | None = None
-        self._cushion_triangles: TextureFiles | None = None
+        self._cushions: CushionFiles | None = None
         if maps.bins.cushion is not None:
-            self._cushions = SetFiles(textures, CUSHIONS, self._bins, samples)
-            self._cushion_triangles = TextureFiles(textures, "cushion_triangles", index)
+            broad, ends = maps.count(CUSHIONS) + maps.count(PLACES), maps.settings.response.ends
+            self._cushions = CushionFiles(textures, broad, len(mesh.faces), ends)
         self.manifest: Manifest | None = None
         self._written: list[str] = []
 
@@ -109,8 +111,7 @@ class PackageWriter:
     def files(self) -> list[Path]:
         """The files that were written so far."""
         textures = [name for one in self._textures() for name in one.files.values()]
-        sets = [name for one in (self._wrinkles, self._cushions) if one for name in one.files]
-        return [self._folder / name for name in (*self._written, *textures, *sets)]
+        return [self._folder / n for n in (*self._written, *textures, *self._wrinkles.files)]
 
     @property
     def texture_bytes(self) -> int:
@@ -130,13 +131,15 @@ class PackageWriter:
         share = sum(0.25**level for level in range(self._levels))
         plain = texels * sum(map(maps.count, maps.names))
         wrinkles, numbers = texels * maps.count(WRINKLES), 4 * texels * self._bins
-        cushions = (maps.cushion_side**2 if self._cushions else 0) * maps.count(WRINKLES)
+        cushions = 0
+        if self._cushions is not None:  # maps, owners and their numbers
+            cushions = (maps.count(CUSHIONS) + 1 + 12) * maps.cushion_side**2
         arrays = max(
             2 * plain + wrinkles,  # when they become one array
             plain * (1 + share) + wrinkles,  # with pages and their levels
             2 * wrinkles,
             (wrinkles + numbers) * share + BESIDE,
-            4 * cushions + BESIDE,
+            2 * cushions,
             3 * 4 * texels,  # triangles
         )
         page = 16 * self._paging.size**2  # in float32 for the levels, or as bytes of a file
@@ -147,8 +150,8 @@ class PackageWriter:
         return int(arrays + cushions + page + mesh)
 
     def _textures(self) -> list[TextureFiles]:
-        every = (self._codes, self._triangles, self._cushion_triangles)
-        return [one for one in every if one is not None]
+        broad = [] if self._cushions is None else self._cushions.textures
+        return [self._codes, self._triangles, *broad]
 
     def steps(self) -> list[Step]:
         """The steps that write the package, in their order."""
@@ -188,10 +191,10 @@ class PackageWriter:
         self._wrinkles.write(udim, self._taken(read, WRINKLES))
         triangles = engine.tiles.triangles(asset, udim)[None]
         self._triangles.write(udim, [self._paging.cut(triangles)])
-        if self._cushions is not None and self._cushion_triangles is not None:
-            self._cushions.write(udim, [read.maps[CUSHIONS]])
-            coarse = engine.tiles.cushion_triangles(asset, udim)[None]
-            self._cushion_triangles.write(udim, [coarse])
+        if self._cushions is not None:
+            broad = np.concatenate([read.maps[CUSHIONS], read.maps[PLACES]])
+            lines = engine.tiles.cushion_lines(asset, udim)
+            self._cushions.write(udim, broad, read.maps[OWNERS], lines)
 
     def _taken(self, read: UdimMaps, *names: str) -> list[NDArray[np.integer]]:
         """Maps as pages of every level; they are removed from `read`, to free their memory."""
@@ -203,13 +206,16 @@ class PackageWriter:
     def _finish(self) -> None:
         """Write everything that is text. The manifest comes last: it says that the package is
         whole."""
-        coarse = self._cushion_triangles
+        broad = self._cushions
+        cushions = None
+        if broad is not None:
+            of_samples = broad.maps.manifest_entry(), broad.owners.manifest_entry()
+            cushions = (*of_samples, broad.lines.manifest_entry())
         written = PackageTextures(
             self._codes.manifest_entry(),
             self._wrinkles.manifest_entry(),
             self._triangles.manifest_entry(),
-            None if self._cushions is None else self._cushions.manifest_entry(),
-            None if coarse is None else coarse.manifest_entry(),
+            cushions,
         )
         manifest = package_manifest(self._maps, self._mesh, self._shapes, written)
         texts = {name: text.encode() for name, text in shader_texts(manifest).items()}

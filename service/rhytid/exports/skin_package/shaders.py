@@ -64,7 +64,7 @@ def shader_texts(manifest: Manifest) -> dict[str, str]:
         found |= {file: libraries[one] for one, file in shaders.libraries.items()}
         found[shaders.vertex] = f"{language.head}{runtime_text(language, 'full.vert')}"
         for one, file in shaders.passes.items():
-            functions = libraries["weights" if one == "weights" else "skin"]
+            functions = libraries["weights" if one in ("weights", "lines") else "skin"]
             found[file] = f"{language.head}{functions}{entry(language, one)}"
     for name, file in manifest.stretch.compute.items():
         found[file] = stretch_text(manifest, COMPUTE[name])
@@ -88,7 +88,8 @@ def stretch_text(manifest: Manifest, language: Language) -> str:
 def library(manifest: Manifest, language: Language, name: str) -> str:
     """The library `weights` or `skin`: its functions, with the constants and textures that they
     read."""
-    source = preprocessed(runtime(f"{name}.glsl"), flags(manifest))
+    text = f"{runtime('scale.glsl')}\n{runtime(f'{name}.glsl')}"
+    source = preprocessed(text, flags(manifest))
     load = runtime_text(language, "load.txt")
     return f"{constants(manifest, language)}\n{load}\n{language.translated(source)}\n"
 
@@ -200,12 +201,13 @@ def _optional(manifest: Manifest, layers: dict[str, Layer]) -> list[tuple[str, N
             ("FIRST_EVENTS", events.first),
         ]
     if cushion is not None:
-        unit = math.log(2.0) * blend.depth / cushion.sharpness
-        # Its codes are as many times larger at every sample.
-        gain = cushion.layer.steps[0] / layers["wrinkles"].steps[0] * merge_unit(blend) / unit
         lines += [
-            ("CUSHION_GAIN", gain),
-            ("CUSHION_UNIT", unit),
+            ("CUSHION_SAMPLES", len(cushion.layer.samples)),
+            ("CUSHION_STEPS", cushion.layer.steps),
+            ("CUSHION_LAST_SAMPLE", cushion.layer.samples[-1]),
+            ("CUSHION_EXPONENT", cushion.layer.depth_exponent),
+            ("LINES_A_ROW", cushion.lines.width),
+            ("ENDS", cushion.lines.ends),
             ("CUSHION_FACTOR", cushion.factor),
             ("CUSHION_APRON", cushion.apron),
         ]

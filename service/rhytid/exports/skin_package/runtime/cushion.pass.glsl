@@ -1,4 +1,4 @@
-// Pass 2, where there are cushions: the broad layer of the wrinkles, coarse, into a target of as many
+// Pass 3, where there are cushions: the broad layer of the wrinkles, coarse, into a target of as many
 // texels as rhytid_cushions has.
 vec4 rhytid_texel(ivec2 texel)
 {

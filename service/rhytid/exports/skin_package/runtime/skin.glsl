@@ -10,9 +10,9 @@ uniform sampler2DArray rhytid_maps; // codes of the other precomputed maps, R8_S
 uniform usampler2DArray rhytid_triangles; // the triangle of each texel
 uniform sampler2D rhytid_weights; // of the frame, made by the pass weights, RGBA32F
 #if CUSHION
-uniform usampler2DArray rhytid_cushions; // as rhytid_wrinkles, coarse
-uniform sampler2DArray rhytid_cushion_codes;
-uniform usampler2DArray rhytid_cushion_triangles;
+uniform sampler2DArray rhytid_cushions; // codes of the broad layer, coarse, and places along owners
+uniform usampler2DArray rhytid_cushion_owners; // the line that each sample answers by
+uniform sampler2D rhytid_cushion_stretch; // of the frame, made by the pass lines, RGBA32F
 uniform sampler2D rhytid_cushion; // of the frame, made by the pass cushion, R32F
 #endif
 
@@ -55,6 +55,7 @@ float rhytid_height_of(vec3 met)
 }
 #endif
 
+#if MERGE_SIGNED
 // The mellow-max, valleys and bulges apart: sums of 2^x.
 vec2 rhytid_mellow(vec2 met, float height)
 {
@@ -65,7 +66,6 @@ vec2 rhytid_mellow(vec2 met, float height)
     return vec2(met.x + grown, met.y);
 }
 
-#if MERGE_SIGNED
 const vec3 RHYTID_NONE_MET = vec3(1.0, 1.0, 0.0);
 
 vec3 rhytid_meet(vec3 met, float height)
@@ -91,15 +91,19 @@ float rhytid_blended(sampler2DArray codes, int number, vec4 w)
 // One sample of the broad layer, mesh units: of the pass cushion. at: from the first of the apron on.
 float rhytid_cushion_sample(ivec2 at)
 {
-    int face = rhytid_number(rhytid_cushion_triangles, at, 0);
-    vec2 met = vec2(1.0, 1.0);
-    for (int n = 0; n < RHYTID_BINS; n++) {
-        vec4 w = rhytid_weights_of(face, n);
-        int number = rhytid_number(rhytid_cushions, at, n);
-        float d = rhytid_blended(rhytid_cushion_codes, number, w);
-        met = rhytid_mellow(met, RHYTID_CUSHION_GAIN * d);
-    }
-    return RHYTID_CUSHION_UNIT * log2(met.y / met.x);
+    int owner = rhytid_number(rhytid_cushion_owners, at, 0);
+    int row = owner / RHYTID_LINES_A_ROW;
+    vec4 ends = rhytid_load(rhytid_cushion_stretch, ivec2(owner - row * RHYTID_LINES_A_ROW, row));
+    float along = rhytid_code(rhytid_cushions, at, RHYTID_CUSHION_SAMPLES) / 127.0;
+    float r = ends.x + along * (ends.y - ends.x);
+    float share = (clamp(r / RHYTID_CUSHION_LAST_SAMPLE, -1.0, 1.0) + 1.0) * 0.5;
+    float place = share * float(RHYTID_CUSHION_SAMPLES - 1);
+    int first = min(int(place), RHYTID_CUSHION_SAMPLES - 2);
+    float next = place - float(first);
+    float here = RHYTID_CUSHION_STEPS[first] * rhytid_code(rhytid_cushions, at, first);
+    float other = RHYTID_CUSHION_STEPS[first + 1] * rhytid_code(rhytid_cushions, at, first + 1);
+    float depth = rhytid_scale(r, -RHYTID_CUSHION_EXPONENT, RHYTID_SCALE_LIMIT);
+    return depth * ((1.0 - next) * here + next * other);
 }
 
 // Weights of the four samples around t, from 0 to 1 between the two in the middle.

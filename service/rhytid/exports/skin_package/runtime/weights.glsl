@@ -3,36 +3,14 @@
 // triangle. docs/package.md describes the inputs.
 
 uniform sampler2D rhytid_stretch; // of the frame, RGBA32F, two texels of each triangle
+#if CUSHION
+uniform usampler2DArray rhytid_cushion_lines; // what wrinkles answer by, R32_UINT
+#endif
 
 struct RhytidStretch {
     vec2 logs; // log rho within the limit, less what folds of the mesh take of compression
     vec4 axes; // s1, s2: unit vectors in UV
 };
-
-// x within -low and high; soft by a knee.
-float rhytid_held(float x, float low, float high)
-{
-#if SOFT_LIMITS
-    float within = clamp(x, -1.5 * low, 1.5 * high);
-    float above = max(within - 0.5 * high, 0.0);
-    float below = min(within + 0.5 * low, 0.0);
-    return within - above * above / (2.0 * high) + below * below / (2.0 * low);
-#else
-    return clamp(x, -low, high);
-#endif
-}
-
-// exp(r)^exponent within 1/RHYTID_SCALE_LIMIT and most.
-float rhytid_scale(float r, float exponent, float most)
-{
-    const float LOG2_E = 1.44269504;
-#if SOFT_LIMITS
-    float power = rhytid_held(LOG2_E * exponent * r, log2(RHYTID_SCALE_LIMIT), log2(most));
-#else
-    float power = clamp(LOG2_E * exponent * r, -100.0, 100.0);
-#endif
-    return clamp(exp2(power), 1.0 / RHYTID_SCALE_LIMIT, most);
-}
 
 // Log rho within the limit.
 float rhytid_limited(float value)
@@ -141,3 +119,42 @@ vec4 rhytid_weights_at(ivec2 texel)
     }
     return rhytid_layer(layer, s);
 }
+
+#if CUSHION
+// A component of a direction, of 16 bits.
+float rhytid_component(int bits)
+{
+    return float((bits & 65535) - 32768) / 32767.0;
+}
+
+// r of a line.
+float rhytid_line_stretch(int number)
+{
+    int row = number / RHYTID_LINES_A_ROW;
+    ivec2 at = ivec2(number - row * RHYTID_LINES_A_ROW, row);
+    int face = rhytid_number(rhytid_cushion_lines, at, 0);
+    int direction = rhytid_number(rhytid_cushion_lines, at, 1);
+    vec2 theta = normalize(vec2(rhytid_component(direction), rhytid_component(direction >> 16)));
+    int face_row = face / RHYTID_TRIANGLES_A_ROW;
+    ivec2 place = ivec2(face - face_row * RHYTID_TRIANGLES_A_ROW, face_row);
+    return rhytid_across(theta, rhytid_stretch_of(place));
+}
+
+// r at an end at which line next - 1 continues one with r, or none where next is 0.
+float rhytid_end_stretch(float r, int next)
+{
+    if (next == 0) {
+        return r;
+    }
+    return r + 0.5 * RHYTID_ENDS * (rhytid_line_stretch(next - 1) - r);
+}
+
+// A texel of the lines: r at the start and at the end of line y * RHYTID_LINES_A_ROW + x.
+vec4 rhytid_lines_at(ivec2 texel)
+{
+    float r = rhytid_line_stretch(texel.y * RHYTID_LINES_A_ROW + texel.x);
+    int before = rhytid_number(rhytid_cushion_lines, texel, 2);
+    int after = rhytid_number(rhytid_cushion_lines, texel, 3);
+    return vec4(rhytid_end_stretch(r, before), rhytid_end_stretch(r, after), 0.0, 1.0);
+}
+#endif

@@ -1,0 +1,42 @@
+// Blends the precomputed maps of the broad layer: each sample by the stretch of its owner, the line that
+// counts most there (owners.cl). A vector of samples per work-item.
+#include "codes.clh"
+#include "response.clh"
+#include "vectors.clh"
+
+POWER_OF_TWO(power16, float16, int16)
+
+// r of the owners of a vector of samples, each at its place along it. stretches: r at both ends of each
+// line. places: codes.
+inline float16 owner_stretch(int16 owners, __global const CODE *places,
+                             __global const float2 *stretches)
+{
+    int owner[WIDTH];
+    float start[WIDTH], end[WIDTH];
+    vstore16(owners, 0, owner);
+    for (int lane = 0; lane < WIDTH; lane++) {
+        float2 r = stretches[owner[lane]];
+        start[lane] = r.x;
+        end[lane] = r.y;
+    }
+    float16 first = vload16(0, start), along = FLOATS_OF(places) * (1.0f / CODE_LIMIT);
+    return first + along * (vload16(0, end) - first);
+}
+
+// owners: row by row. codes: of each vector those of SAMPLES maps, then places. steps: displacement of a
+// code of each sample. last: log stretch of the last sample. depth: exponent and limit of the depth
+// scale. out: displacement, mesh units, row by row; within 1e-6 of the largest step times code of the
+// same in double.
+__kernel void blend_cushions(__global const int *owners, __global const CODE *codes,
+                             __global const float2 *stretches, __global const float *steps,
+                             float last, float2 depth, __global float *out)
+{
+    int i = get_global_id(0);
+    codes += (size_t)i * ((SAMPLES + 1) * WIDTH);
+    float16 r = owner_stretch(vload16(i, owners), codes + SAMPLES * WIDTH, stretches);
+    float16 position = (clamp(r * (1.0f / last), -1.0f, 1.0f) + 1.0f) * (0.5f * (SAMPLES - 1));
+    float16 sum = 0.0f;
+    for (int m = 0; m < SAMPLES; m++)
+        sum += FLOATS_OF(codes + m * WIDTH) * (fmax(1.0f - fabs(position - m), 0.0f) * steps[m]);
+    vstore16(SCALE(power16, r, -depth.x, depth.y) * sum, i, out);
+}
