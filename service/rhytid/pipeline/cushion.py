@@ -250,7 +250,8 @@ class CushionMaker:
     def _launched(self, kernel: str, r: float, given: Any) -> _Draw:
         """Runs a kernel over a square, with the shares of lines at a log stretch."""
         elements, settings = self._elements, self._settings
-        shares = elements.share_arguments(settings.response, r)
+        cushion = settings.shape.cushion
+        shares = elements.share_arguments(settings.response, r, (1.0 - cushion) / cushion)
         return lambda square, into: launch_cushion(
             self._device, kernel, elements, settings, square, *shares, given, into=into
         )
