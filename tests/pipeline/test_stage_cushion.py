@@ -19,7 +19,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.tiles import udim_origin
 from rhytid.errors import LimitError
 from rhytid.pipeline.bins import ShareRange
-from rhytid.pipeline.cushion_blend import CushionBlend
+from rhytid.pipeline.blend import CushionBlend
 from rhytid.pipeline.cushion_layer import THRESHOLD, broad_weight, coarse_factor, narrow_weight
 from rhytid.pipeline.elements import check_cover, wrinkle_arrays
 

@@ -3,7 +3,7 @@ cushion.cl, owners.cl, quantise.cl; spline.clh brings the layer up.
 
 The maps have no bins. All lines are in each of them, drawn at one of SAMPLES log stretches with
 their depth, which is divided out of the codes. A frame blends each sample by the log stretch of its
-owner, the line that counts most there: cushion_blend.py.
+owner, the line that counts most there: blend.py.
 """
 
 from __future__ import annotations
