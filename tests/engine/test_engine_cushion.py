@@ -77,6 +77,20 @@ def test_tiles_equal_crops_bit_for_bit(device, sampling, choice):
         np.testing.assert_array_equal(tile, whole[y : y + 64, x : x + 64])
 
 
+@pytest.mark.parametrize("sampling", ["nearest", "smooth"])
+def test_frames_by_turns_are_as_each_alone(device, sampling):
+    """More frames than have buffers of lines of their own."""
+    shape = {**GRAINY, **SWOLLEN}
+    frames = [Frame.of(deform(sheet().positions, seed, 0.15)) for seed in range(5)]
+    turns = asset_of(device, shape=shape, **BEST)
+    alone = [tile_of(asset_of(device, shape=shape, **BEST), f, "binned", 1, 1, sampling)
+             for f in frames]  # fmt: skip
+    assert not np.array_equal(alone[0], alone[1])
+    for number in (0, 1, 0, 2, 3, 0, 4, 1, 2):
+        found = tile_of(turns, frames[number], "binned", 1, 1, sampling)
+        np.testing.assert_array_equal(found, alone[number])
+
+
 @pytest.mark.parametrize("painted", [False, True])
 @pytest.mark.parametrize("sampling", ["nearest", "smooth"])
 def test_grain_is_that_of_redraw(device, sampling, painted):

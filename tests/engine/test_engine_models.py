@@ -185,7 +185,9 @@ def test_a_preset_can_be_changed_like_the_bins(engine):
     settings = engine.assets.change(asset, {"preset": "best", "bins": {"bits": 16}}).settings
     best = {**asdict(PRESETS["best"].bins), "r_max": 0.1, "bits": 16}
     assert (settings["preset"], settings["bins"]) == ("best", best)
-    made_so = built(engine, new_asset(preset="best", bins={"r_max": 0.1, "bits": 16}))
+    # A change leaves what a graph grew by, which says how far codes of grain go.
+    graph = PRESETS["paper"].graph
+    made_so = built(engine, new_asset(preset="best", graph=graph, bins={"r_max": 0.1, "bits": 16}))
     engine.frames.put(made_so, "bent", BENT)
     found = [
         engine.tiles.plan_map(name, "bent", BINNED, 1001, 0).draw() for name in (asset, made_so)

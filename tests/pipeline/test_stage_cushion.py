@@ -19,7 +19,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.tiles import udim_origin
 from rhytid.errors import LimitError
 from rhytid.pipeline.bins import ShareRange
-from rhytid.pipeline.cushion_blend import CushionBlend
+from rhytid.pipeline.blend import CushionBlend
 from rhytid.pipeline.cushion_layer import THRESHOLD, broad_weight, coarse_factor, narrow_weight
 from rhytid.pipeline.elements import check_cover, wrinkle_arrays
 
@@ -252,7 +252,11 @@ class MapScene(BinnedScene):
         weight *= (graph.edge_weight > 0)[:, None]
         if graph.edge_share is not None:
             shares = bends.at_ends(graph.edge_share, graph.edge_partners, response.ends)
-            depth = depth * bends.shared_depth(share_at, response.alpha_d, shares)
+            broad, share = reference.strengths(weight, self.cushion.share)[1], self.cushion.share
+            most = bends.WIDEST / np.maximum((1.0 - share) / share * broad, 1e-9)
+            most = np.minimum(most, bends.MOST_SHARED) / self.depth_scale(share_at)
+            taken = bends.shared_depth(share_at, response.alpha_d, shares)
+            depth = depth * np.minimum(taken, most)
         width = bends.scale(np.array(width_at), response.alpha_w, response.soft_limits)
         slopes = shape.curvature * graph.edge_slopes if graph.edge_slopes is not None else None
         strength = reference.strengths(weight, self.cushion.share)[1] * depth

@@ -36,28 +36,20 @@ __kernel void gathered(__global const int *offsets, __global const int *members,
 
 // A further round: means over triangles of the means of their corners. A third is that of the place
 // itself, the rest of places beside it, which share the triangles.
-__kernel void smoothed(__global const int *offsets, __global const int *beside,
-                       __global const float *shares, __global const float2 *values,
-                       __global float2 *found)
-{
-    int w = get_global_id(0);
-    float2 sum = values[w] / 3.0f;
-    for (int k = offsets[w]; k < offsets[w + 1]; k++)
-        sum += shares[k] * values[beside[k]];
-    found[w] = sum;
-}
+#define SMOOTHED(name, VALUES)                                                                     \
+    __kernel void name(__global const int *offsets, __global const int *beside,                    \
+                       __global const float *shares, __global const VALUES *values,                \
+                       __global VALUES *found)                                                     \
+    {                                                                                              \
+        int w = get_global_id(0);                                                                  \
+        VALUES sum = values[w] / 3.0f;                                                             \
+        for (int k = offsets[w]; k < offsets[w + 1]; k++)                                          \
+            sum += shares[k] * values[beside[k]];                                                  \
+        found[w] = sum;                                                                            \
+    }
 
-// The same of normals.
-__kernel void smoothed_normals(__global const int *offsets, __global const int *beside,
-                               __global const float *shares, __global const float4 *values,
-                               __global float4 *found)
-{
-    int w = get_global_id(0);
-    float4 sum = values[w] / 3.0f;
-    for (int k = offsets[w]; k < offsets[w + 1]; k++)
-        sum += shares[k] * values[beside[k]];
-    found[w] = sum;
-}
+SMOOTHED(smoothed, float2)         // moments
+SMOOTHED(smoothed_normals, float4) // normals
 
 typedef struct {
     float3 x, y; // tangents

@@ -1,5 +1,6 @@
-"""Blends precomputed maps by the stretch of a frame (Alg. 3). Kernels: weights.cl, blend.cl,
-blend_smooth.cl, blend_stiff.cl."""
+"""Blends precomputed maps by the stretch of a frame (Alg. 3), those of the broad layer by that of
+the owners of its samples. Kernels: weights.cl, blend.cl, blend_smooth.cl, blend_stiff.cl,
+blend_cushions.cl."""
 
 from __future__ import annotations
 
@@ -29,7 +30,7 @@ from rhytid.pipeline.bins import (
     parts,
     quantisation_steps,
 )
-from rhytid.pipeline.cushion_blend import CushionBlend
+from rhytid.pipeline.cushion import MORE, SAMPLES, CushionTile, cushion_steps, last_stretch
 from rhytid.pipeline.cushion_layer import APRON
 from rhytid.pipeline.grain import grain_amplitude, grain_gains, relief
 from rhytid.pipeline.locate import UdimTriangles
@@ -290,3 +291,40 @@ class Blend:
 def _group(most: int, vectors: int) -> tuple[int, int]:
     """The largest work-group that the vectors of a tile can be cut into."""
     return next(n for n in range(min(most, vectors), 0, -1) if vectors % n == 0), 1
+
+
+class CushionBlend:
+    """Blends tiles of the broad layer of one asset."""
+
+    def __init__(self, device: Device, settings: AssetSettings, shares: ShareRange = EVEN) -> None:
+        """shares: of the graph of the asset."""
+        bits, response = settings.bins.bits, settings.response
+        self._device = device
+        self._steps = device.upload(cushion_steps(settings, shares))
+        self._last = np.float32(last_stretch(settings))
+        self._depth = np.array([response.alpha_d, SCALE_LIMIT], np.float32)
+        self._defines: dict[str, object] = {
+            **response_defines(response.soft_limits),
+            "SAMPLES": SAMPLES,
+            "CODE": CODES[bits],
+            "CODE_BITS": bits,
+            "CODE_LIMIT": code_limit(bits),
+        }
+
+    def tile(self, maps: CushionTile, lines: Buffer) -> Buffer:
+        """float32 displacement of the samples of a tile, on the device, with MORE values behind
+        them.
+
+        lines: `ends` of LineStretches.
+        """
+        out = self._device.empty(maps.side**2 + MORE, np.float32)
+        self._device.launch(
+            "blend_cushions", "blend_cushions", (maps.side**2 // VECTOR,),
+            maps.owners, maps.codes, lines, self._steps, self._last, self._depth, out,
+            defines=self._defines,
+        )  # fmt: skip
+        return out
+
+    def release(self) -> None:
+        """Give the memory back."""
+        self._steps.release()

@@ -3,7 +3,7 @@ cushion.cl, owners.cl, quantise.cl; spline.clh brings the layer up.
 
 The maps have no bins. All lines are in each of them, drawn at one of SAMPLES log stretches with
 their depth, which is divided out of the codes. A frame blends each sample by the log stretch of its
-owner, the line that counts most there: cushion_blend.py.
+owner, the line that counts most there: blend.py.
 """
 
 from __future__ import annotations
@@ -250,7 +250,8 @@ class CushionMaker:
     def _launched(self, kernel: str, r: float, given: Any) -> _Draw:
         """Runs a kernel over a square, with the shares of lines at a log stretch."""
         elements, settings = self._elements, self._settings
-        shares = elements.share_arguments(settings.response, r)
+        cushion = settings.shape.cushion
+        shares = elements.share_arguments(settings.response, r, (1.0 - cushion) / cushion)
         return lambda square, into: launch_cushion(
             self._device, kernel, elements, settings, square, *shares, given, into=into
         )

@@ -15,7 +15,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings, ResponseSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.tiles import udim_origin
-from rhytid.pipeline.bins import EVEN, ShareRange
+from rhytid.pipeline.bins import EVEN, ShareRange, scale
 from rhytid.pipeline.cells import CellLists, Lists
 from rhytid.pipeline.copies import OriginBuffers, Origins, copied, copies_last, skews_of
 from rhytid.pipeline.cushion_layer import BroadLayer, CushionArrays, narrow_weight
@@ -309,11 +309,17 @@ class UdimElements:
         """The defines of shared_sizes.clh."""
         return {} if self.shares is None else {"SHARED": 1, "SCALE_LIMIT": f"{SCALE_LIMIT}f"}
 
-    def share_arguments(self, response: ResponseSettings, r: float) -> tuple[Any, ...]:
-        """The arguments SHARES of shared_sizes.clh of a map at log stretch r."""
+    def share_arguments(
+        self, response: ResponseSettings, r: float, narrow: float = 1.0
+    ) -> tuple[Any, ...]:
+        """The arguments SHARES of shared_sizes.clh of a map at log stretch r.
+
+        narrow: weights of the narrow layer over those of the layer that is drawn.
+        """
         if self.shares is None:
             return ()
-        return self.shares, np.array([response.alpha_d, r], np.float32)
+        depth = scale(response, r, -response.alpha_d)
+        return self.shares, np.array([response.alpha_d, r, depth, narrow], np.float32)
 
     def release(self) -> None:
         """Give the memory back."""

@@ -40,6 +40,7 @@ from rhytid.device.buffer import Buffer
 from rhytid.device.runtime import Device
 from rhytid.domain.lengths import millimetres
 from rhytid.domain.mesh import Mesh
+from rhytid.pipeline.uv_vertices import triangles_around
 
 # ℓ: where b deviates by 1 from its mean, folds take half of what they can.
 _LENGTH_MM = 45.0
@@ -98,22 +99,11 @@ class Places:
     @classmethod
     def of(cls, mesh: Mesh) -> Places:
         """The places of a mesh."""
-        usable = mesh.usable_triangles()
         _, place = np.unique(mesh.positions + 0.0, axis=0, return_inverse=True)  # -0 is 0
-        corners = place.reshape(-1)[mesh.faces]
-        owner, members = corners[usable].reshape(-1), np.repeat(np.flatnonzero(usable), 3)
-        order = np.argsort(owner, kind="stable")
-        owner, members, count = owner[order], members[order], int(place.max()) + 1
-        area = _relative_areas(mesh)[members]
-        offsets = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=count))])
-        shares = area / np.bincount(owner, area, count)[owner]
-        return cls(
-            place.reshape(-1).astype(np.int32),
-            corners.astype(np.int32),
-            offsets.astype(np.int32),
-            members.astype(np.int32),
-            shares.astype(np.float32),
-        )
+        place = place.reshape(-1)
+        corners, usable = place[mesh.faces], mesh.usable_triangles()
+        around = triangles_around(corners, usable, _relative_areas(mesh), int(place.max()) + 1)
+        return cls(place.astype(np.int32), corners.astype(np.int32), *around)
 
 
 @dataclass(frozen=True)

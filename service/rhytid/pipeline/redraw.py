@@ -80,6 +80,7 @@ class LineStretches(BufferGroup):
 
         wrinkles: launches Alg. 1 with the defines R_ALONE.
         """
+        self.frame = ""  # until all of it is written
         count = elements.wrinkles
         given = (elements.segments, elements.wrinkle_triangle, elements.wrinkle_stiffness)
         wrinkles(count, *given, self.r)

@@ -35,21 +35,8 @@ class UvVertices:
     def of(cls, mesh: Mesh, used: NDArray[np.bool_]) -> UvVertices:
         """The UV vertices of a mesh; only triangles `used` (F,) count in means."""
         vertex, corners = _welded(mesh)
-        count = len(vertex)
-        members = np.repeat(np.flatnonzero(used), 3)
-        owner = corners[used].reshape(-1)
-        order = np.argsort(owner, kind="stable")
-        owner, members = owner[order], members[order]
-        area = _areas(mesh)[members]
-        around = np.bincount(owner, area, count)
-        offsets = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=count))])
-        return cls(
-            vertex.astype(np.int32),
-            corners.astype(np.int32),
-            offsets.astype(np.int32),
-            members.astype(np.int32),
-            (area / around[owner]).astype(np.float32),
-        )
+        around = triangles_around(corners, used, _areas(mesh), len(vertex))
+        return cls(vertex.astype(np.int32), corners.astype(np.int32), *around)
 
     def slowest(self, jacobians: NDArray[np.float32]) -> NDArray[np.float64]:
         """(F,) the least √(sᵀGs) that float32 finds for unit s, G interpolated in each triangle.
@@ -97,6 +84,26 @@ def _welded(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     pairs = mesh.faces.astype(np.int64) * places + place.reshape(-1)[mesh.face_uv]
     welded, corners = np.unique(pairs, return_inverse=True)
     return welded // places, corners.reshape(-1, 3)
+
+
+def triangles_around(
+    corners: NDArray[np.integer],
+    used: NDArray[np.bool_],
+    areas: NDArray[np.float64],
+    count: int,
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
+    """Offsets (count + 1,), members and shares of means over the triangles around each corner: the
+    triangles, in order, and their shares of the area, which sum to 1.
+
+    corners (F, 3): numbers of corners.  used (F,): triangles that count.  areas (F,): in any unit.
+    """
+    owner, members = corners[used].reshape(-1), np.repeat(np.flatnonzero(used), 3)
+    order = np.argsort(owner, kind="stable")
+    owner, members = owner[order], members[order]
+    area = areas[members]
+    offsets = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=count))])
+    shares = area / np.bincount(owner, area, count)[owner]
+    return offsets.astype(np.int32), members.astype(np.int32), shares.astype(np.float32)
 
 
 def _areas(mesh: Mesh) -> NDArray[np.float64]:

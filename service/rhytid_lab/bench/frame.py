@@ -40,7 +40,13 @@ from rhytid.pipeline.grain import (
     tiles_of_square,
 )
 from rhytid.pipeline.locate import UdimTriangles, locate_points
-from rhytid.pipeline.redraw import redrawing, respond
+from rhytid.pipeline.redraw import (
+    R_ALONE,
+    LineStretches,
+    redrawing,
+    respond,
+    wrinkle_responder,
+)
 from rhytid.pipeline.stretch import StretchBuffers, StretchStage
 from rhytid.pipeline.waves import wrinkle_waves
 from rhytid_lab.bench.scene import Floats, Scene
@@ -104,6 +110,7 @@ class FrameBench:
         self._grains = Grains(device, mesh, self._located, settings, shares)
         self._bins: list[BinTile] = []
         self._neutral: list[NeutralTile] = []
+        self._lines: LineStretches | None = None
         self._copied = tuple(device.full(size * size, np.float32(1.0)) for _ in range(2))
 
     def run(self, case: str) -> None:
@@ -193,6 +200,9 @@ class FrameBench:
         """Give the device memory back."""
         made = (*self._bins, *self._neutral, *self._copied, self._frame)
         self._grains.release()
+        if self._lines is not None:
+            self._lines.release()
+            self._lines = None
         stages = (self._elements, self._located, self._stage, self._blend, self._convolve)
         _release(*made, *stages)
         self._bins.clear()
@@ -252,9 +262,19 @@ class FrameBench:
     def _binned(self) -> list[Buffer]:
         coefficients = self._blend.coefficients(self._frame)
         grains = self._grains.codes(self._tile_corners())
-        tiles = self._blend.tiles(self._bins, coefficients, grains)
+        tiles = self._blend.tiles(self._bins, coefficients, grains, self._line_stretches())
         coefficients.release()
         return tiles
+
+    def _line_stretches(self) -> Buffer | None:
+        """Log stretch of the lines that own samples of cushions, found anew as for each frame."""
+        if self._elements.cushion is None:
+            return None
+        if self._lines is None:
+            self._lines = LineStretches.allocate(self.device, self._elements)
+        responder = wrinkle_responder(self.device, self.settings, self._frame, R_ALONE)
+        self._lines.fill(self.device, self._elements, self.settings, responder, "")
+        return self._lines.ends
 
     def _draw_neutral(self) -> None:
         stretch = self._stage.run(None, self._limit)

@@ -36,7 +36,7 @@ _COPIES, _DRAWN, _PLACED, _NEUTRAL = 8.0, 4.5, 1.6, 11.5
 # Of cushions, at half the resolution where it is finest: a map, and a code of grain.
 _BROAD = 2.0
 # A wrinkle with its pores and its log stretch, a triangle.
-_WRINKLE, _TRIANGLE = 74, 240
+_WRINKLE, _TRIANGLE = 78, 240
 # Bytes on the host: a map that is read in tiles and put together; a wrinkle while it is grown; what
 # the process and its libraries take.
 _READ, _GROWN, _PROCESS = 8.0, 210, 400_000_000

@@ -64,8 +64,8 @@ def tile(
     furrows negative; those of tilts are positions in the bin, from -1 to 1.
 
     A tile of T texels per side has T² codes; of `cushions` it has (T / factor + 2 apron)²: `apron`
-    more samples on every side than the tile covers. So do `cushion_places` and `cushion_owners`,
-    which are int32: rows of the graph.
+    more samples on every side than the tile covers. So have `cushion_places` and `cushion_owners`;
+    owners are int32, rows of the graph.
 
     Level 0 only: a coarser level is 404, for those of `binned` are means of its level 0.
     """

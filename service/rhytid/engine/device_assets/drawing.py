@@ -73,8 +73,7 @@ class DeviceDrawing:
         """Draws squares of `redraw` or `neutral`."""
         deformed = NEUTRAL_FRAME if query.method == "neutral" else frame
         lines = self._lines(deformed, query, udim)
-        grained = self._grain.added(lines, deformed, query, udim)
-        return self._events.added(grained, deformed, query, udim)
+        return self._finished(lines, deformed, query, udim)
 
     def _lines(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
         """Draws wrinkles and pores of a frame, without grain."""
@@ -86,6 +85,10 @@ class DeviceDrawing:
             neutral = self._neutral.tile(query, udim, (row, column, side))
             return self._convolve(neutral, frame, query, udim)
 
+        return self._finished(draw, frame, query, udim)
+
+    def _finished(self, draw: Draw, frame: Frame, query: MapQuery, udim: int) -> Draw:
+        """Draws as `draw` does, with grain and events."""
         grained = self._grain.added(draw, frame, query, udim)
         return self._events.added(grained, frame, query, udim)
 

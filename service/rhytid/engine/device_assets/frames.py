@@ -4,6 +4,7 @@ triangles, events, and grain."""
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,9 @@ from rhytid.pipeline.smooth import SmoothFields, respond_smooth, smooth_wrinkle_
 from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.work import Square
 
+# Frames of one UDIM whose lines keep their log stretch: clients on as many frames take turns.
+_LINE_FRAMES = 3
+
 
 class DeviceFrames:
     """Stretch of the frames of an asset, and what follows from it, kept for the frames used
@@ -45,6 +49,8 @@ class DeviceFrames:
 
     def __init__(self, base: DeviceMesh) -> None:
         self._base = base
+        # Which of the buffers of lines a frame has, the one used longest ago first.
+        self._held: dict[tuple[Any, ...], dict[str, int]] = {}
 
     def ratios(self, frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Ratios (F, 2), unclamped, and axes (F, 2, 2) of the stretch of a frame."""
@@ -92,18 +98,29 @@ class DeviceFrames:
 
     def line_stretches(self, frame: Frame, query: MapQuery, udim: int) -> Buffer | None:
         """Log stretch at the ends of wrinkles, by which the fast method blends their broad layer;
-        None where there is none. It is that of this frame until another is asked for."""
-        base, model, sampling = self._base, query.stretch, query.sampling
+        None where there is none. It is that of this frame until others are asked for, as many as
+        _LINE_FRAMES."""
+        base, key = self._base, (udim, query.stretch, query.sampling)
         device, elements, settings = base.device, base.elements[udim], base.settings
         if elements.cushion is None:
             return None
+        place = self._place_of(frame, key)
         found: LineStretches = base.cache.keep(
-            "lines", udim, model, sampling, make=partial(LineStretches.allocate, device, elements)
+            "lines", *key, place, make=partial(LineStretches.allocate, device, elements)
         )
         if found.frame != frame.digest:
             responder = self._lines_alone(frame, query, udim)
             found.fill(device, elements, settings, responder, frame.digest)
         return found.ends
+
+    def _place_of(self, frame: Frame, key: tuple[Any, ...]) -> int:
+        """The number of the buffer that a frame has or takes over, for one key."""
+        held = self._held.setdefault(key, {})
+        place = held.pop(frame.digest, len(held))
+        if place == _LINE_FRAMES:
+            place = held.pop(next(iter(held)))
+        held[frame.digest] = place
+        return place
 
     def _lines_alone(self, frame: Frame, query: MapQuery, udim: int) -> Responder:
         """Launches Alg. 1 for r of wrinkles."""
