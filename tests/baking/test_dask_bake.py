@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -122,6 +123,22 @@ def test_a_worker_that_is_killed_loses_no_frame(cluster: Cluster, tmp_path: Path
     assert len(maps(out)) == 40
     assert not half.exists()
     assert [*out.glob(".unfinished-*")] == [other], "what others may be writing stays"
+
+
+ENDING = """
+import os, sys
+from pathlib import Path
+from rhytid.baking.farm.dask_cluster import local_cluster
+with local_cluster([None], Path(sys.argv[1]), quiet=True):
+    os._exit(3)
+"""
+
+
+@pytest.mark.slow
+def test_a_client_that_ends_at_once_says_nothing_of_semaphores(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", ENDING, str(tmp_path)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (ended.returncode, ended.stderr) == (3, "")
 
 
 @pytest.mark.slow

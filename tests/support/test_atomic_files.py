@@ -11,7 +11,12 @@ from pathlib import Path
 import pytest
 
 from rhytid.storage.shared.folder_backend import FolderBackend
-from rhytid.support.atomic_files import atomic_write, sweep
+from rhytid.support.atomic_files import (
+    atomic_write,
+    prepared_in,
+    shared_working_folder,
+    sweep,
+)
 from storage.leftovers import left_by_a_killed_writer
 
 WRITER = """
@@ -38,6 +43,32 @@ def test_a_killed_writer_leaves_no_half_file_and_what_is_left_is_swept(tmp_path:
     os.utime(tmp_path / "kept", (days, days))
     sweep(tmp_path)
     assert [file.name for file in tmp_path.iterdir()] == ["kept"]
+
+
+def test_what_a_killed_writer_left_goes_with_the_place_where_it_was_prepared(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "map.exr"
+    with shared_working_folder(tmp_path) as place, prepared_in(place, tmp_path):
+        with atomic_write(file) as aside:
+            assert aside.parent.parent == place
+            aside.write_text("all")
+        left_by_a_killed_writer(place, "0" * 32, "map.exr")
+    assert [*tmp_path.iterdir()] == [file]
+
+
+@pytest.mark.parametrize("there", [False, True], ids=["gone", "of another user"])
+def test_a_file_is_prepared_beside_it_where_the_other_place_cannot_be_used(
+    there: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = tmp_path / "place"
+    if there:
+        place.mkdir()
+        monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != place)
+    with prepared_in(place, tmp_path), atomic_write(tmp_path / "map.exr") as aside:
+        assert aside.parent.parent == tmp_path
+        aside.write_text("all")
+    assert (tmp_path / "map.exr").read_text() == "all"
 
 
 def test_a_file_is_there_when_its_block_ends_well(tmp_path: Path) -> None:

@@ -39,6 +39,8 @@ _OPEN = (errno.EMFILE, errno.ENFILE)
 _UNFINISHED, _ABANDONED = ".unfinished-", 24 * 3600.0
 _HIDDEN = re.compile(re.escape(_UNFINISHED) + UNIQUE.pattern, re.ASCII)
 UNFINISHED = FolderKind("rhytid unfinished", marker=".rhytid-unfinished")
+# Folders in which `atomic_write` prepares the files of other folders: see `prepared_in`.
+_places: dict[Path, Path] = {}
 # Bytes that are copied at a time.
 _PIECE = 1 << 22
 # The mode of a file that others may read.
@@ -191,14 +193,35 @@ def shared_working_folder(folder: Path) -> Iterator[Path]:
 
 
 @contextmanager
+def prepared_in(place: Path, folder: Path) -> Iterator[None]:
+    """While the block runs, `atomic_write` prepares the files of `folder` in `place`, for as long
+    as that is there and may be written to.
+
+    place: on the same file system, such as a `shared_working_folder`. Who removes it removes what a
+    process that is killed leaves unfinished.
+    """
+    _places[folder] = place
+    try:
+        yield
+    finally:
+        _places.pop(folder, None)
+
+
+def _place_for(folder: Path) -> Path:
+    """Where files of a folder are prepared: there, or where `prepared_in` says."""
+    place = _places.get(folder)
+    return folder if place is None or not os.access(place, os.W_OK | os.X_OK) else place
+
+
+@contextmanager
 def atomic_write(file: Path, *, private: bool = False, group: bool = False) -> Iterator[Path]:
     """A path to write to; what is written there becomes `file` when the block ends without error.
 
     private: the file is readable for its owner alone, else as the system makes files.  group: with
     `private`, for its group, too. A process that is killed in the block leaves a hidden folder
-    beside `file`: see `sweep`.
+    beside `file`, or where `prepared_in` says: see `sweep`.
     """
-    with _hidden_working_folder(file.parent) as place:
+    with _hidden_working_folder(_place_for(file.parent)) as place:
         if group:
             restrict(place, group=True)
         aside = place / file.name

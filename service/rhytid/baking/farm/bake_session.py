@@ -34,6 +34,7 @@ from rhytid.errors import InputError
 from rhytid.exports.textures.profiles import profiles_of
 from rhytid.formats.frame_set import Clip
 from rhytid.storage.store import AssetStore
+from rhytid.support.atomic_files import prepared_in
 from rhytid.support.build_identity import check_drawing, drawing_version
 from rhytid.support.console import Stopwatch, Verbosity, use_verbosity
 from rhytid.support.settings import ServiceSettings
@@ -157,6 +158,8 @@ class BakeSession:
                 store.snapshots.restore(Path(job.snapshot.path))
             self._engine = opened.enter_context(closing(Engine(_settings(folder))))
             self._baker = self._made()
+            # The client removes it when the bake ends, also where this process has been killed.
+            opened.enter_context(prepared_in(Path(job.snapshot.path).parent, Path(job.out)))
             self._opened = opened.pop_all()
 
     def bake(self, chunk: Chunk, done: Callable[[str], None]) -> ChunkReport:

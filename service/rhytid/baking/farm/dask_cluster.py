@@ -26,6 +26,9 @@ _START = f"dask worker ADDRESS --nthreads 1 --resources {RESOURCE}=1"
 # Dask gives a process up for good where no worker of its name is there so long after one has ended:
 # also where that was not the last one to end, or where a machine with much to do starts slowly.
 _KEPT = {"distributed.deploy.lost-worker-timeout": "1000 days"}
+# A process that Ctrl-C ends at once leaves semaphores of Dask to a process that removes them, which
+# would say so after all else.
+_QUIET = "ignore:resource_tracker"
 # Dask serves health and metrics even so: at any port, where else all would want the same.
 _NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 
@@ -95,11 +98,25 @@ def local_cluster(devices: Sequence[str | None], folder: Path, quiet: bool) -> I
     config = {"temporary-directory": str(folder), "distributed.nanny.pre-spawn-environ": {}}
     with dask.config.set(_KEPT):
         # Ctrl-C at a terminal reaches the whole group: the workers are ended from here.
-        with without_sigint(), dask.config.set(config):
+        with without_sigint(), dask.config.set(config), _warnings_off(_QUIET):
             cluster = SpecCluster(workers, scheduler, silence_logs=level, name="rhytid")
             client = Client(cluster, set_as_default=False)
         with cluster, client:
             yield Cluster(client, cluster.scheduler_address, cluster)
+
+
+@contextmanager
+def _warnings_off(filter: str) -> Iterator[None]:
+    """Have processes that start in the block apply a filter of warnings, as PYTHONWARNINGS does."""
+    before = os.environ.get("PYTHONWARNINGS")
+    os.environ["PYTHONWARNINGS"] = filter if before is None else f"{before},{filter}"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONWARNINGS"]
+        else:
+            os.environ["PYTHONWARNINGS"] = before
 
 
 def _options(device: str | None, folder: Path, level: int) -> dict[str, object]:
