@@ -17,10 +17,25 @@ from api.fake_frames import FakeFrames
 from api.fake_tiles import FakeTiles
 from api.live import serving
 from api.patch import smile, upload
+from rhytid.api.dependencies import drawing_of, no_repeats
+from rhytid.api.quick_route import TileRoute
+from rhytid.api.routes.tiles import tile_router
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.messages import MapQuery
 
 TILE = "tiles/1001/1/1/0"
+# Headers that are another's in every answer.
+_OWN = {"date", "x-request-id"}
+
+
+def told(response: httpx.Response) -> tuple[int, dict[str, str], bytes | dict[str, Any]]:
+    """An answer without what differs from request to request."""
+    headers = {name: text for name, text in response.headers.items() if name not in _OWN}
+    if response.is_error:
+        headers.pop("content-length")
+        problem = response.json()
+        return response.status_code, headers, {**problem, "instance": "", "request_id": ""}
+    return response.status_code, headers, response.content
 
 
 def test_a_tile_is_the_crop_of_the_map(client: httpx.Client, frame: str) -> None:
@@ -288,10 +303,23 @@ def test_what_is_plainly_right_takes_the_quick_way(
     long = client.get(f"{frame}/tiles/1001/0/0000000002/1{query}")
     assert len(asked) == 1
     quick = client.get(f"{frame}/tiles/1001/0/2/1{query}")
-    assert (long.status_code, long.headers.get("etag")) == (
-        quick.status_code,
-        quick.headers.get("etag"),
-    )
+    assert told(long) == told(quick)
+    for more in ({"If-None-Match": quick.headers.get("etag", "")}, {"If-None-Match": '"other"'}):
+        again, other = (
+            client.get(f"{frame}/tiles/1001/0/{row}/1{query}", headers=more)
+            for row in ("2", "0000000002")
+        )
+        assert told(again) == told(other)
+
+
+def test_the_quick_way_has_all_that_the_route_depends_on() -> None:
+    """A dependency that is added to the route has to be added to `TileRoute`, too; the guard is
+    one of the whole app."""
+    assert len(tile_router.routes) == 2
+    for route in tile_router.routes:
+        assert isinstance(route, TileRoute)
+        found = [one.call for one in route.dependant.dependencies]
+        assert found == [no_repeats, drawing_of]
 
 
 @pytest.mark.parametrize("place", ["x/0/0/0", "1001/0/-1/0", "1001/0/0/3000000000", "1001/0/0/²"])

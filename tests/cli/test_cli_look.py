@@ -11,7 +11,8 @@ from pxr import Usd
 
 from cli.running import usage_error
 from rhytid.cli import main
-from rhytid.exports.textures.writers import write_exr
+from rhytid.exports.textures.writers import write_parts
+from rhytid.formats.exr_encoder import exr_parts
 from rhytid.formats.tile_header import TileHeader
 
 
@@ -23,7 +24,8 @@ def write_maps(folder: Path, *names: str, unit: str = "cm") -> Path:
         header = TileHeader(
             unit, frame, "asset", "redraw", "tensor", "nearest", int(udim), 0, 0, 0, 1.0
         )
-        write_exr(folder / name, np.full((2, 2), -0.01, np.float32), header.attributes())
+        texels = np.full((2, 2), -0.01, np.float32)
+        write_parts(folder / name, exr_parts(texels, header.attributes()))
     return folder
 
 

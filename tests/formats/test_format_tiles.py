@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -133,3 +134,19 @@ def test_what_half_floats_cannot_hold_is_refused(format: str) -> None:
 def test_an_unknown_format_names_the_known_ones() -> None:
     with pytest.raises(QueryError, match="format 'tiff': one of npy, f16, exr, exr16, png"):
         encode(TILE, "tiff", HEADER)
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_encoding_takes_no_more_memory_than_it_says(format: str) -> None:
+    tile = np.random.default_rng(5).normal(scale=0.1, size=(1024, 1024)).astype(np.float32)
+    encode(tile[:64, :64], format, HEADER)  # what is made once
+
+    tracemalloc.start()
+    try:
+        encode(tile, format, HEADER)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+    most = FORMATS[format].working * tile.nbytes
+    assert most - tile.nbytes < tile.nbytes + peak < 1.01 * most

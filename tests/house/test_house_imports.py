@@ -67,6 +67,8 @@ ENVIRONMENT = (
     "device/driver.py",
     # Hands it on to the child, with the number of heaps.
     "processes/device_process.py",
+    # Hands it on to processes, with one more filter of warnings.
+    "baking/farm/dask_cluster.py",
 )
 
 

@@ -91,7 +91,7 @@ def answer(
     nbytes = TEXEL * drawing.engine.assets.dimensions(asset).grid.side_of(place) ** 2
     memory = drawing.memory
     with drawing.slot, memory.making(nbytes):
-        hold = memory.answer(WORKING * nbytes)
+        hold = memory.answer(FORMATS[format].working * nbytes)
         drawn = drawing.engine.tiles.draw(asset, frame, query, place)
         found, key = drawn.description, drawn.key
         # Where it was replaced while it was drawn, these bytes may belong to either content.

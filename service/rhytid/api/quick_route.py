@@ -18,12 +18,13 @@ from starlette.concurrency import run_in_threadpool
 from rhytid.api.access import guard
 from rhytid.api.dependencies import drawing_of
 from rhytid.api.encoding import answer
+from rhytid.api.schemas import TileQuery
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.messages import MapQuery
 
 _ADDRESS = ("udim", "level", "row", "column")
-# As `TileQuery` has them.
-_QUERY = {"method": "redraw", "stretch": "tensor", "sampling": "nearest", "format": "npy"}
+# Names of the query, and what they are where they are not given.
+_QUERY = {name: str(field.default) for name, field in TileQuery.model_fields.items()}
 # Digits of a number that is surely in the range of the route.
 _DIGITS = 9
 

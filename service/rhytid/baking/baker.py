@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -118,7 +119,9 @@ class Baker:
                 drawn[udim] = map
         if surface:
             work = partial(self._write_surface, frame, surface, drawn)
-            found.append(writers.submit(work, held))
+            found.append(writers.submit(work))
+        if held:
+            release_after(held, found)
         self.engine.frames.delete(self.asset.id, place.label)
         return found
 
@@ -178,7 +181,9 @@ class Baker:
             map.heights()
         if any(one.profile.posed and not one.profile.drawn for one in due):
             frame.surface.ratios()  # which the engine has only while it holds the frame
-        future = frame.writers.submit(partial(self._write_maps, frame, map, due), alone)
+        future = frame.writers.submit(partial(self._write_maps, frame, map, due))
+        if alone:
+            release_after(alone, [future])
         frame.writers.note({one.key: one.file for one in due}, future)
         return future
 
@@ -319,12 +324,23 @@ class FileWriters:
         held.grow(min(nbytes, self._budget.limit))
         return held
 
-    def submit(self, write: Callable[[], int], held: Hold | None) -> Future[int]:
-        """Have files written. The bytes are free again when that has ended."""
-        future = self._pool.submit(write)
-        if held is not None:
-            future.add_done_callback(lambda _: held.release())
-        return future
+    def submit(self, write: Callable[[], int]) -> Future[int]:
+        """Have files written."""
+        return self._pool.submit(write)
+
+
+def release_after(held: Hold, writing: Sequence[Future[int]]) -> None:
+    """Release bytes when the last of some files is written."""
+    left, lock = set(writing), threading.Lock()
+
+    def forget(done: Future[int]) -> None:
+        with lock:
+            left.discard(done)
+            if not left:
+                held.release()
+
+    for future in writing:
+        future.add_done_callback(forget)
 
 
 def _is_written(frame: Sequence[Future[int]]) -> bool:

@@ -32,12 +32,14 @@ class Encoded:
 class TileFormat:
     """How a tile is encoded, and what the result is called.
 
+    working: the most that a tile and what it is encoded to take of memory, over the tile.
     compressed: whether encoding takes much longer than copying.
     """
 
     encode: Callable[[Tile, TileHeader], bytes]
     media_type: str
     extension: str
+    working: int
     compressed: bool = False
 
 
@@ -95,9 +97,9 @@ def _png(tile: Tile, header: TileHeader) -> bytes:
 
 
 FORMATS = {
-    "npy": TileFormat(_npy, "application/x-npy", ".npy"),
-    "f16": TileFormat(_f16, "application/octet-stream", ".f16"),
-    "exr": TileFormat(encode_exr, "image/x-exr", ".exr", compressed=True),
-    "exr16": TileFormat(_exr16, "image/x-exr", ".exr", compressed=True),
-    "png": TileFormat(_png, "image/png", ".png", compressed=True),
+    "npy": TileFormat(_npy, "application/x-npy", ".npy", 2),
+    "f16": TileFormat(_f16, "application/octet-stream", ".f16", 3),
+    "exr": TileFormat(encode_exr, "image/x-exr", ".exr", 3, compressed=True),
+    "exr16": TileFormat(_exr16, "image/x-exr", ".exr", 3, compressed=True),
+    "png": TileFormat(_png, "image/png", ".png", 6, compressed=True),
 }

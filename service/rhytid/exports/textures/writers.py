@@ -26,10 +26,15 @@ from rhytid.errors import InputError, StorageError
 from rhytid.exports.meshes import welded
 from rhytid.exports.textures.frame_map import TEXELS, Chart, Facts, FrameMap, attributes
 from rhytid.exports.textures.tangents import FloatArray, Posed, dot, unit
-from rhytid.formats.exr_encoder import Texels, exr_body, exr_parts
+from rhytid.formats.exr_encoder import exr_body
 from rhytid.formats.png import encode_png
 from rhytid.formats.tiles import quantise
-from rhytid.support.atomic_files import atomic_write, storage_error_class, write_file
+from rhytid.support.atomic_files import (
+    atomic_write,
+    storage_errors,
+    write_file,
+    write_pieces,
+)
 
 Codes = NDArray[np.uint8] | NDArray[np.uint16]
 FloatMap = NDArray[np.float32]
@@ -99,18 +104,10 @@ def _write_bordered(path: Path, map: FrameMap, facts: Facts, dtype: str, compres
     write_parts(path, body.parts(attributes(map.header, facts, body.minimum, body.maximum)))
 
 
-def write_exr(path: Path, texels: Texels, attributes: Mapping[str, str | int | float]) -> None:
-    """Write a map (h, w) to `path` as OpenEXR, whole or not at all; raises StorageError."""
-    write_parts(path, exr_parts(texels, attributes))
-
-
 def write_parts(path: Path, parts: Iterable[bytes]) -> None:
     """Write a file that comes in parts, whole or not at all; raises StorageError."""
-    try:
-        with atomic_write(path) as aside, aside.open("xb") as file:
-            file.writelines(parts)
-    except OSError as exc:
-        raise storage_error_class(exc)(f"cannot write an EXR file: {exc}") from exc
+    with storage_errors(f"{path} cannot be written"), atomic_write(path) as aside:
+        write_pieces(aside, parts)
 
 
 def write_mipmapped(path: Path, map: FrameMap, facts: Facts) -> None:
