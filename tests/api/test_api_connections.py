@@ -18,7 +18,8 @@ import pytest
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.test_api_memory import connected, soon, uploading, use
-from rhytid.api.server.connections import PROGRESS, ConnectionLimits, LimitedConnection, allow_files
+from rhytid.api.server.connections import PROGRESS, ConnectionLimits, LimitedConnection
+from rhytid.api.server.listening import allow_files
 
 STALLED = 0.3
 MIB = 1 << 20

@@ -16,7 +16,8 @@ import pytest
 from api.asking import NPY, built, is_problem, npy
 from api.fake_engine import FakeEngine
 from api.patch import obj, smile, upload
-from rhytid.api.server.http_server import LAST_GRACE, LOOPBACK, address_of, listen, server_of
+from rhytid.api.server.http_server import LAST_GRACE, server_of
+from rhytid.api.server.listening import LOOPBACK, address_of, listen
 from rhytid.support.settings import ServiceSettings
 
 

@@ -16,7 +16,7 @@ import pytest
 
 from cli.running import process, usage_error
 from rhytid.api.keys import leave_mark, read_keys
-from rhytid.api.server.http_server import asks_keys, listen
+from rhytid.api.server.listening import asks_keys, listen
 from rhytid.cli import main
 from rhytid.errors import AccessError, StorageError
 from rhytid_client import NotAllowed, PlainClient

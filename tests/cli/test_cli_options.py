@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rhytid.api.server.http_server import address_of, listen
+from rhytid.api.server.listening import address_of, listen
 from rhytid.cli import main
 from rhytid.cli.options import local_settings
 from rhytid.cli.skin_options import asset_settings

@@ -93,7 +93,7 @@ def device_numbers(text: str) -> tuple[str, ...]:
 def run(arguments: argparse.Namespace) -> None:
     """Listen, print the address, and serve until interrupted."""
     # Imported here, so that --help does not wait for OpenCL and the web framework.
-    from rhytid.api.server.http_server import asks_keys, engine_of, listen
+    from rhytid.api.server.listening import asks_keys, listen
 
     settings = _with_places(
         service_settings(arguments.store, arguments.device, arguments.shared_store)
@@ -120,8 +120,8 @@ def run(arguments: argparse.Namespace) -> None:
         if fleet is not None:
             _serve(listening, settings, fleet(settings))
         else:
-            made = partial(engine_of, settings, in_process=arguments.in_process)
-            _serve(listening, settings, _closing(made))
+            made = _engine(settings, in_process=arguments.in_process)
+            _serve(listening, settings, made)
 
 
 def _fleet_of(
@@ -155,27 +155,49 @@ def _fleet_of(
 
 
 @contextmanager
-def _closing(make: Callable[[], Engine]) -> Iterator[Engine]:
-    """Make an engine when the block begins, and close it at the end."""
-    with closing(make()) as made:
+def _engine(settings: ServiceSettings, *, in_process: bool) -> Iterator[Engine]:
+    """An engine in a process of its own; in this one where `in_process` says so, and on Windows.
+    Raises what `rhytid.engine.engine.Engine` does."""
+    from rhytid.processes.device_process import possible
+
+    made: Engine
+    if in_process or not possible():
+        from rhytid.engine.engine import Engine as Here
+
+        made = Here(settings)
+    else:
+        from rhytid.processes.remote_engine import RemoteEngine
+
+        made = RemoteEngine(settings)
+    with closing(made):
         yield made
+
+
+def _import_server() -> None:
+    """Import the web framework while the engine starts, which waits for another process."""
+    with suppress(ImportError):  # `_serve` raises it
+        import rhytid.api.app
+        import rhytid.api.server.http_server  # noqa: F401
 
 
 def _serve(
     listening: socket.socket, settings: ServiceSettings, engine_for: AbstractContextManager[Any]
 ) -> None:
     from rhytid.api.keys import leave_mark
-    from rhytid.api.server.connections import allow_files
-    from rhytid.api.server.http_server import address_of, server_of
-    from rhytid.api.tracing import send_spans
+    from rhytid.api.server.listening import address_of, allow_files
 
     log_to_stderr(settings.log_format, logging.getLevelName(_log_level().upper()), "server")
     for line in misspelt_variables():
         logger.warning("%s", line)
     if settings.traces:
+        from rhytid.api.tracing import send_spans
+
         send_spans()
     allow_files(settings.connections)
+    threading.Thread(target=_import_server, name="rhytid-imports", daemon=True).start()
     with engine_for as engine:
+        from rhytid.api.server.http_server import server_of
+
         # The store is there by now, on this machine.
         asked = settings.ask_keys is not False and settings.key_file.exists()
         if asked and settings.store.is_dir():

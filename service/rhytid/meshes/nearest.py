@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import triangles_inside
@@ -80,9 +79,7 @@ def _improve(
     distance: FloatArray,
 ) -> None:
     """Take what is nearer among the members of a class, in place."""
-    from scipy.spatial import cKDTree
-
-    tree, left, count = cKDTree(middles), np.arange(len(points)), _FIRST
+    tree, left, count = scipy.spatial.cKDTree(middles), np.arange(len(points)), _FIRST
     while len(left):
         count = min(count, len(members))
         away, which = tree.query(points[left], k=[*range(1, count + 1)])
@@ -147,6 +144,6 @@ def cut_around(mesh: Mesh, udim: int, point: NDArray[Any], radius: float) -> Mes
 def _parts(faces: NDArray[np.int32], vertices: int) -> NDArray[np.int32]:
     """(V,) the number of the part that a vertex belongs to: those of a triangle are in one."""
     a, b = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
-    joined = coo_array((np.ones(len(a), bool), (a, b)), shape=(vertices, vertices))
-    labels: NDArray[np.int32] = connected_components(joined, directed=False)[1]
+    joined = scipy.sparse.coo_array((np.ones(len(a), bool), (a, b)), shape=(vertices, vertices))
+    labels: NDArray[np.int32] = scipy.sparse.csgraph.connected_components(joined, directed=False)[1]
     return labels

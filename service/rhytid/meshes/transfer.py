@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from rhytid.domain.graph import (
@@ -323,9 +324,7 @@ def _partners(graph: WrinkleGraph, rows: IntArray) -> IntArray:
 
 def _apart(moved: _Moved) -> float:
     """How closely seams are looked at, in units of the surface."""
-    from scipy.spatial import cKDTree
-
-    near, _ = cKDTree(moved.point).query(moved.point, k=[2])
+    near, _ = scipy.spatial.cKDTree(moved.point).query(moved.point, k=[2])
     return float(np.median(near[np.isfinite(near)])) * _CLOSEST / moved.surface.scale
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import uniform_filter
 
 Picture = NDArray[np.uint8]
 BACKGROUND = (1.0, 1.0, 1.0)
@@ -39,7 +39,7 @@ def blur(values: NDArray[Any], sigma: float) -> NDArray[np.float64]:
     radius = max(round((np.sqrt(4 * sigma * sigma + 1) - 1) / 2), 0)
     result = np.asarray(values, np.float64)
     for _ in range(3):
-        result = uniform_filter(result, 2 * radius + 1, mode="nearest")
+        result = scipy.ndimage.uniform_filter(result, 2 * radius + 1, mode="nearest")
     return result
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csr_matrix, diags
 
 from rhytid.domain.mesh import Mesh
 
@@ -44,7 +44,7 @@ class Diffusion:
         self._mass = np.maximum(mass, _LEAST_MASS * float(mass.mean()))
         time = 0.5 * sigma**2 / STEPS
         laplacian = _laplacian(corners, self._faces, self._count)
-        self._matrix = (diags(self._mass) + time * laplacian).tocsr()
+        self._matrix = (scipy.sparse.diags(self._mass) + time * laplacian).tocsr()
 
     def narrower(self, share: float) -> Diffusion:
         """The same surface, ready to smooth by a share of the length."""
@@ -90,7 +90,9 @@ def triangle_areas(corners: FloatArray) -> FloatArray:
     return area
 
 
-def _laplacian(corners: FloatArray, faces: NDArray[np.integer], count: int) -> csr_matrix:
+def _laplacian(
+    corners: FloatArray, faces: NDArray[np.integer], count: int
+) -> scipy.sparse.csr_matrix:
     """(C, C) positive semidefinite, rows sum to 0."""
     rows, columns, weights = [], [], []
     for k in range(3):
@@ -102,11 +104,13 @@ def _laplacian(corners: FloatArray, faces: NDArray[np.integer], count: int) -> c
         rows.append(faces[:, (k + 1) % 3])
         columns.append(faces[:, (k + 2) % 3])
     i, j, w = np.concatenate(rows), np.concatenate(columns), np.concatenate(weights)
-    off = coo_matrix((np.tile(-w, 2), (np.r_[i, j], np.r_[j, i])), shape=(count, count)).tocsr()
-    return off - diags(np.asarray(off.sum(axis=1)).ravel())
+    off = scipy.sparse.coo_matrix(
+        (np.tile(-w, 2), (np.r_[i, j], np.r_[j, i])), shape=(count, count)
+    ).tocsr()
+    return off - scipy.sparse.diags(np.asarray(off.sum(axis=1)).ravel())
 
 
-def _solved(matrix: csr_matrix, right: FloatArray, start: FloatArray) -> FloatArray:
+def _solved(matrix: scipy.sparse.csr_matrix, right: FloatArray, start: FloatArray) -> FloatArray:
     """(C, K) with matrix · found = right: conjugate gradients after Jacobi, columns at once."""
     inverse = 1.0 / matrix.diagonal()[:, None]
     found, rest = start, right - matrix @ start

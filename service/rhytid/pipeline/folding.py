@@ -33,8 +33,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from rhytid.device.buffer import Buffer
 from rhytid.device.runtime import Device
@@ -122,12 +122,14 @@ class Beside:
     def of(cls, places: Places) -> Beside:
         """Means over the triangles of each place, of the means of their corners."""
         corners, count = places.corners, len(places.offsets) - 1
-        around = csr_array(
+        around = scipy.sparse.csr_array(
             (places.shares.astype(np.float64), places.members, places.offsets),
             shape=(count, len(corners)),
         )
         thirds, ends = np.full(corners.size, 1.0 / 3.0), 3 * np.arange(len(corners) + 1)
-        means = csr_array((thirds, corners.reshape(-1), ends), shape=(len(corners), count))
+        means = scipy.sparse.csr_array(
+            (thirds, corners.reshape(-1), ends), shape=(len(corners), count)
+        )
         found = around @ means
         found.sort_indices()
         own = np.repeat(np.arange(count), np.diff(found.indptr))

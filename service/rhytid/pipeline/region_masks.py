@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from rhytid.domain.blendshapes import region_of, rolls_lips
 from rhytid.domain.mesh import Mesh
@@ -233,7 +233,7 @@ def _of_most_near(places: FloatArray, motion: FloatArray, reach: float) -> Float
     least = _LEAST_ROLL * float(motion.max())
     found = motion / max(least, 1e-30)
     moved = np.flatnonzero(motion > 0.1 * least)
-    tree, most = cKDTree(places[moved]), np.empty(len(moved))
+    tree, most = scipy.spatial.cKDTree(places[moved]), np.empty(len(moved))
     for start in range(0, len(moved), _ROWS):
         cancellation.check()
         rows = slice(start, start + _ROWS)

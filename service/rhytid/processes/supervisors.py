@@ -10,7 +10,6 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
-from rhytid.engine.assets.upload import content_id
 from rhytid.engine.messages import NewAsset
 from rhytid.engine.operations import OPERATIONS
 from rhytid.errors import DeviceLostError, NotFoundError, StorageError
@@ -198,6 +197,9 @@ class Supervisors:
 
 def _content(content: NewAsset | OpenFile) -> tuple[str, int]:
     """The id of what is sent, a mesh or a snapshot, and the bytes that it will take."""
+    # Imported here: with one device, this process imports nothing that computes.
+    from rhytid.engine.assets.upload import content_id
+
     if isinstance(content, OpenFile):
         descriptor = content.descriptor
         return asset_of(OpenFile(descriptor)), os.fstat(descriptor).st_size

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.events import EVENT_DEPTHS, EVENTS, FADING, KINDS
@@ -125,7 +125,7 @@ class Events:
         factor = np.ones(len(triangle), np.float32)
         if not len(over):
             return factor
-        tree, radius = cKDTree(self.points.position[over]), self.radius[over]
+        tree, radius = scipy.spatial.cKDTree(self.points.position[over]), self.radius[over]
         places = surface.place(triangle, uv.astype(np.float64))
         distance, near = tree.query(places, k=1, distance_upper_bound=float(radius.max()))
         there = np.flatnonzero(np.isfinite(distance))
@@ -286,7 +286,7 @@ def _kept(darts: Darts, kind: NDArray[np.int32], radius: FloatArray) -> IntArray
     words."""
     turn = [_FIRST.index(name) for name in EVENTS]
     order = np.lexsort((darts.key, _of_kinds(kind, turn)))
-    pairs = cKDTree(darts.points.position).query_pairs(
+    pairs = scipy.spatial.cKDTree(darts.points.position).query_pairs(
         2.0 * _APART * float(radius.max()), output_type="ndarray"
     )
     one, two = pairs.T
@@ -351,7 +351,9 @@ def _near_in_map(
     flat = cross(sides[:, 0], sides[:, 1]) == 0.0
     for one in np.unique(size[~flat]):
         rows = np.flatnonzero((size == one) & ~flat)
-        near = cKDTree(middle[rows]).query_ball_point(centre, reach + extent[rows].max())
+        near = scipy.spatial.cKDTree(middle[rows]).query_ball_point(
+            centre, reach + extent[rows].max()
+        )
         events.append(np.repeat(np.arange(len(near)), [len(found) for found in near]))
         triangles.append(rows[np.fromiter(chain.from_iterable(near), np.int64)])
     return np.concatenate(events), np.concatenate(triangles)

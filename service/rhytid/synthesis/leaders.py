@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.lengths import SKIN, millimetres
@@ -201,7 +201,7 @@ class _Beside:
         self._position = courses.points.position[self._there]
         self._normal = courses.points.normal[self._there].astype(np.float64)
         self._apart = courses.wishes.apart[self._there // courses.there.shape[1]]
-        self._tree = cKDTree(self._position)
+        self._tree = scipy.spatial.cKDTree(self._position)
 
     def of(self, row: int, at: IntArray) -> IntArray:
         """Numbers of the points that lie too near to the points `at` of a line."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.skin import wear
@@ -175,7 +175,7 @@ def _pairs(
     reach = _STRIP * strips.spacing
     # Trees that are asked once are not worth balancing.
     quick = {"balanced_tree": False, "compact_nodes": False}
-    all_, some = (cKDTree(p, **quick) for p in (strips.position, strips.position[of]))
+    all_, some = (scipy.spatial.cKDTree(p, **quick) for p in (strips.position, strips.position[of]))
     found = some.sparse_distance_matrix(all_, reach, output_type="ndarray")
     found = found[np.argsort(found["i"] * len(strips.position) + found["j"])]
     return of[found["i"]], found["j"], (1.0 - (found["v"] / reach) ** 2) ** 2
@@ -216,7 +216,7 @@ def _nearness(net: CandidateGraph, leaders: LeaderPores, reach: float) -> Single
     found = np.zeros(len(net.pores), np.float32)
     if not len(leaders):
         return found
-    tree = cKDTree(leaders.points.position)
+    tree = scipy.spatial.cKDTree(leaders.points.position)
     distance, nearest = tree.query(net.pores.position, distance_upper_bound=reach)
     near = np.flatnonzero(np.isfinite(distance))
     share = 1.0 - (distance[near] / reach) ** 2

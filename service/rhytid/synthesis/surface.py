@@ -10,8 +10,8 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
@@ -195,7 +195,9 @@ def _covered_by_others(uv: NDArray[np.float64], usable: NDArray[np.bool_]) -> ND
     """
     index = np.flatnonzero(usable)
     centres = uv[index].mean(axis=1)
-    near = cKDTree(centres).query(centres, k=min(_NEIGHBOURS, len(index)), workers=-1)[1]
+    near = scipy.spatial.cKDTree(centres).query(
+        centres, k=min(_NEIGHBOURS, len(index)), workers=-1
+    )[1]
     result = np.zeros(len(uv), bool)
     for other in near.reshape(len(index), -1).T:
         cancellation.check()

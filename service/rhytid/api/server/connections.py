@@ -11,7 +11,6 @@ import asyncio
 import ipaddress
 import json
 import logging
-import sys
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any
@@ -64,19 +63,6 @@ class ConnectionLimits:
             return False
         address = ipaddress.ip_address(host.partition("%")[0])
         return any(address in network for network in self.proxies)
-
-
-def allow_files(connections: int) -> None:
-    """Raise the limit of open files of this process to what so many connections need, as far as the
-    system allows. It is usually 1024. A request opens up to three files beside its connection."""
-    if sys.platform != "win32":
-        import resource
-
-        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-        needed = 4 * connections + 256
-        most = needed if hard == resource.RLIM_INFINITY else min(needed, hard)
-        if soft != resource.RLIM_INFINITY and soft < most:
-            resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
 def protocol_of(limits: ConnectionLimits) -> type[asyncio.Protocol]:

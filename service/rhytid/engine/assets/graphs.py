@@ -6,8 +6,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import GraphOrigin, WrinkleGraph
@@ -65,7 +65,7 @@ def mean_spacing(mesh: Mesh, graph: WrinkleGraph, triangle: NDArray[np.int32]) -
         places = surface_points(mesh, graph.node_uv[chosen], triangle[chosen])
         places = np.unique(places, axis=0)  # of pores that coincide one counts
         if len(places) >= 2:
-            distance, _ = cKDTree(places).query(places, k=2)
+            distance, _ = scipy.spatial.cKDTree(places).query(places, k=2)
             return float(distance[:, 1].mean())
     corners = mesh.positions[mesh.faces].astype(np.float64)
     return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).mean())

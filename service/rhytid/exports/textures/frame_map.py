@@ -13,10 +13,8 @@ from functools import partial
 from typing import TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import udim_origin
@@ -284,7 +282,7 @@ def _nearest_of_rows(
 
 def _nearest_places(known: NDArray[np.bool_]) -> NDArray[np.int32]:
     """(2, h, w) row and column of the nearest texel that is known."""
-    found: NDArray[np.int32] = ndimage.distance_transform_edt(
+    found: NDArray[np.int32] = scipy.ndimage.distance_transform_edt(
         ~known, return_distances=False, return_indices=True
     )
     return found
@@ -296,7 +294,9 @@ def _islands(mesh: Mesh) -> IntArray:
     corner = uv.reshape(-1)[mesh.face_uv]
     pairs = np.concatenate([corner[:, :2], corner[:, 1:]])
     size = len(mesh.uv)
-    joined = coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), (size, size))
-    _, parts = connected_components(joined, directed=False)
+    joined = scipy.sparse.coo_array(
+        (np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), (size, size)
+    )
+    _, parts = scipy.sparse.csgraph.connected_components(joined, directed=False)
     found: IntArray = parts[corner[:, 0]].astype(np.int64)
     return found

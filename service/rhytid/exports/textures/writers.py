@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.wording import install_hint
@@ -258,8 +258,8 @@ def cavity_map(heights: NDArray[np.float32], chart: Chart, depth: float) -> NDAr
     """
     size = max(round(AROUND * len(heights)), 1) | 1
     shown = chart.inside.astype(np.float32)
-    share = ndimage.uniform_filter(shown, size, mode="constant")
-    mean = ndimage.uniform_filter(heights * shown, size, mode="constant")
+    share = scipy.ndimage.uniform_filter(shown, size, mode="constant")
+    mean = scipy.ndimage.uniform_filter(heights * shown, size, mode="constant")
     mean /= np.maximum(share, np.float32(0.5 / size**2))
     below = (heights - mean) / np.float32(depth)
     cavity = chart.padded(1.0 + below.clip(-1.0, 0.0))

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+import scipy
 
 from rhytid.support import cancellation
 from rhytid.synthesis.progress import row_blocks
@@ -44,8 +42,8 @@ class BorderPlaces:
     mate: IntArray
     open: BoolArray
     chart: IntArray
-    tree: cKDTree
-    by_chart: cKDTree
+    tree: scipy.spatial.cKDTree
+    by_chart: scipy.spatial.cKDTree
 
     @classmethod
     def on(cls, borders: Borders, apart: float) -> BorderPlaces:
@@ -66,8 +64,10 @@ class BorderPlaces:
         # The mate runs the other way round.
         mate = np.where(alone, np.arange(len(row)), (first + count - 1)[borders.mate[row]] - at)
         chart = borders.chart[borders.triangle[row]]
-        by_chart = cKDTree(np.column_stack([here, _APART * chart]))
-        return cls(row, here, there, following, mate, alone, chart, cKDTree(here), by_chart)
+        by_chart = scipy.spatial.cKDTree(np.column_stack([here, _APART * chart]))
+        return cls(
+            row, here, there, following, mate, alone, chart, scipy.spatial.cKDTree(here), by_chart
+        )
 
     def __len__(self) -> int:
         return len(self.row)
@@ -121,7 +121,7 @@ class BorderPlaces:
 
     def _asked(
         self, footprints: Footprints, placements: Placements, charts: IntArray | None
-    ) -> tuple[cKDTree, FloatArray, FloatArray]:
+    ) -> tuple[scipy.spatial.cKDTree, FloatArray, FloatArray]:
         """A tree of places, points (T, ...) in it, and the distances (T,) to look within."""
         own = footprints.take(placements.of)
         largest = np.linalg.svd(placements.turn, compute_uv=False)[:, 0]
@@ -139,8 +139,10 @@ class BorderPlaces:
         next_key = item * size + following
         at = order[np.minimum(np.searchsorted(key, next_key, sorter=order), len(key) - 1)]
         linked = np.flatnonzero((following != NONE) & (key[at] == next_key))
-        links = coo_array(
+        links = scipy.sparse.coo_array(
             (np.ones(len(linked), np.int8), (linked, at[linked])), shape=(len(key), len(key))
         )
-        run: IntArray = connected_components(links, directed=False)[1].astype(np.int64)
+        run: IntArray = scipy.sparse.csgraph.connected_components(links, directed=False)[1].astype(
+            np.int64
+        )
         return run

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from rhytid.domain.mesh import Mesh
 from rhytid.synthesis.seams.charts import BORDER, SIDES, corner_numbers, orientation
@@ -186,7 +185,9 @@ def _charts(
     first = np.concatenate([one, triangle[joined]])
     second = np.concatenate([across[one, side], triangle[mate[joined]]])
     count = len(across)
-    links = coo_array((np.ones(len(first), np.int8), (first, second)), shape=(count, count))
-    _, chart = connected_components(links, directed=False)
+    links = scipy.sparse.coo_array(
+        (np.ones(len(first), np.int8), (first, second)), shape=(count, count)
+    )
+    _, chart = scipy.sparse.csgraph.connected_components(links, directed=False)
     numbers: IntArray = chart.astype(np.int64)
     return numbers
