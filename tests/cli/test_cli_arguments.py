@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 from pathlib import Path
 
@@ -325,3 +326,13 @@ def test_a_farm_is_told_what_is_wrong_with_arguments(
 
     assert ends(arguments) == 2
     assert capsys.readouterr().out == ""
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_a_pipe_is_no_file_that_is_not_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    assert ends(["synthesize", str(pipe), "--out", "g.safetensors"]) == 2
+    assert "is a pipe or a device" in capsys.readouterr().err

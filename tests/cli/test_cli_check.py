@@ -135,6 +135,14 @@ def test_shapes_are_named(tmp_path: Path) -> None:
     assert known == {"count": 2, "names": ["jawOpen", "odd"], "regions": {"neck": ["jawOpen"]}}
 
 
+def test_a_pucker_tells_of_the_mouth_around_the_lips(tmp_path: Path) -> None:
+    shapes, out = np.stack([SAMPLE.pose({"smile": 1.0})]), tmp_path / "f.json"
+    np.savez(tmp_path / "m.npz", **ARRAYS, shapes=shapes, names=np.array(["mouthPucker"]))
+    assert main(["check", str(tmp_path / "m.npz"), "--json", str(out)]) == 0
+    regions = json.loads(out.read_text())["shapes"]["regions"]
+    assert regions == {"lip": ["mouthPucker"], "mouth": ["mouthPucker"]}
+
+
 @pytest.mark.parametrize("module", ["trimesh", "rhytid_kernels"])
 def test_other_commands_leave_modules_alone(module: str) -> None:
     parser = "import sys, rhytid.cli.program as p; p.build_parser()"

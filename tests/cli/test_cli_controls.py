@@ -62,6 +62,10 @@ def test_maps_masks_and_settings_reach_the_graph(
         (["--map", "dens={black}"], "'dens': one of density"),
         (["--set", "strength=much"], "strength needs a number, as strength=1.5"),
         (["--region-mask", "chin={black}"], "'chin': one of forehead"),
+        (["--region-mask", "region_mout={black}"], "did you mean mouth?"),
+        (["--map", "event={black}"], "did you mean events?"),
+        (["--set", "evnts=1"], "did you mean events?"),
+        (["--set", "anatomy=corse"], "did you mean coarse?"),
         (["--region", "chin"], "invalid choice"),
     ],
 )

@@ -11,7 +11,8 @@ import pytest
 from rhytid.api.server.listening import address_of, listen
 from rhytid.cli import main
 from rhytid.cli.options import local_settings
-from rhytid.cli.skin_options import asset_settings
+from rhytid.cli.program import build_parser
+from rhytid.cli.skin_options import asset_settings, given_settings, skin_maps, skin_settings
 from rhytid.cli.synthesize import grown_settings
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import InputError, SettingsError
@@ -144,3 +145,28 @@ def test_commands_warn_of_misspelt_variables(
     assert main(["keys", "list"]) == 0
     told = "rhytid keys: warning: RHYTID_SPOOLMB is not known: did you mean RHYTID_SPOOL_MB?\n"
     assert capsys.readouterr().err == told
+
+
+def test_settings_of_a_file_are_grown(tmp_path: Path) -> None:
+    file = tmp_path / "s.json"
+    file.write_text('{"graph": {"rank": 2, "anatomy": "coarse"}, "response": {"folds": 0}}')
+    command = ["synthesize", str(file), "--out", "g.safetensors", "--settings", str(file)]
+    given = build_parser().parse_args([*command, "--set", "rank=0.5"])
+    settings = grown_settings(skin_settings(given, given_settings(given)))
+    assert (settings.rank, settings.anatomy) == (0.5, "coarse")
+
+
+def test_a_setting_may_be_a_word(tmp_path: Path) -> None:
+    file = tmp_path / "mesh.obj"
+    file.touch()
+    command = ["synthesize", str(file), "--out", "g.safetensors", "--set", "anatomy=coarse"]
+    given = build_parser().parse_args(command)
+    assert grown_settings(skin_settings(given)).anatomy == "coarse"
+
+
+def test_a_mask_of_a_region_has_two_names(tmp_path: Path) -> None:
+    file = tmp_path / "mask.png"
+    file.touch()
+    masks = [f"mouth={file}", f"region_mouth={file}"]
+    command = ["synthesize", str(file), "--out", "g.safetensors", "--region-mask", *masks]
+    assert skin_maps(build_parser().parse_args(command)) == {"region_mouth": [file, file]}

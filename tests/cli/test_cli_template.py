@@ -77,11 +77,12 @@ def test_what_is_painted_is_kept(
 
 
 def test_only_the_masks_that_are_wanted(tmp_path: Path, mesh: str) -> None:
-    options = ["--masks", "direction", "region_lip", "--size", "16", "-q"]
+    options = ["--masks", "direction", "region_lip", "mouth", "--size", "16", "-q"]
     assert main(["template", mesh, "--out", str(tmp_path / "p"), *options]) == 0
     found = {file.name for file in (tmp_path / "p").glob("*.1001.png")}
     assert found == {
         "template.1001.png", "texel_size.1001.png", "direction.1001.png", "region_lip.1001.png",
+        "region_mouth.1001.png",
     }  # fmt: skip
 
 

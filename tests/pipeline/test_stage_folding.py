@@ -11,7 +11,8 @@ from meshes import deform, rotate_translate
 from pipeline.scenes import sheet
 from reference import folding as reference
 from rhytid.domain.mesh import Mesh
-from rhytid.pipeline.folding import FoldRule
+from rhytid.pipeline import stretch
+from rhytid.pipeline.folding import Folding, FoldRule
 from rhytid.pipeline.stretch import StretchStage
 
 LIMIT = 0.5
@@ -228,3 +229,14 @@ def test_a_finer_mesh_has_the_same_folds(device):
         share.append(np.median(Folded(device, mesh, folded, unit="mm").taken[inner(mesh)]))
     assert share[0] > 0.5
     assert abs(share[1] / share[0] - 1) < 0.1
+
+
+def test_folds_are_prepared_where_they_are_asked_for_alone(device, monkeypatch):
+    made = []
+    monkeypatch.setattr(stretch, "Folding", lambda *a: made.append(a) or Folding(*a))
+    mesh = sheet(seed=3)
+    stage = StretchStage(device, mesh, "1.5cm")
+    for folds, count in ((0.0, 0), (1.0, 1), (0.5, 1)):
+        stage.run(pressed(mesh), LIMIT, folds=folds).release()
+        assert len(made) == count
+    stage.release()

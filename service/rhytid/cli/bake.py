@@ -30,7 +30,7 @@ from rhytid.cli.options import (
     service_settings,
 )
 from rhytid.cli.parser import Commands, new_command
-from rhytid.cli.skin_options import add_skin, refuse_without_effect, skin_request
+from rhytid.cli.skin_options import add_settings, add_skin, refuse_without_effect, skin_request
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.messages import METHODS, MapQuery
 from rhytid.exports.textures import COMPRESSIONS
@@ -64,8 +64,7 @@ def add_command(commands: Commands) -> None:
     skin = add_skin(parser, graph=True)
     add_force(skin)
     add_stiffness(skin)
-    settings = "asset settings as JSON"
-    skin.add_argument("--settings", type=readable, metavar="FILE", help=settings)
+    add_settings(skin)
     _add_output(parser.add_argument_group("output"))
     _add_machines(parser.add_argument_group("assets, devices and many machines"))
     reports = parser.add_argument_group("what is reported")

@@ -22,7 +22,7 @@ from rhytid.cli.options import (
     readable,
 )
 from rhytid.cli.parser import Commands, new_command
-from rhytid.cli.skin_options import add_skin, refuse_without_effect, skin_request
+from rhytid.cli.skin_options import add_settings, add_skin, refuse_without_effect, skin_request
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import NotFoundError
 from rhytid.support.console import counted, make_folder, report, table, working
@@ -68,7 +68,7 @@ def add_command(commands: Commands) -> None:
     add_unit(parser, "NEUTRAL")
     size = f"texels per side, a power of two (default: {RESOLUTION})"
     add("--resolution", type=int, metavar="R", help=size)
-    add("--settings", type=readable, metavar="FILE", help="asset settings as JSON")
+    add_settings(parser)
     add_force(add_skin(parser, graph=True))
     levels = "levels of the maps: 1 for the finest alone (default: down to one texel)"
     add("--levels", type=int, choices=range(1, 16), metavar="N", help=levels)

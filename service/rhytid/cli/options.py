@@ -40,6 +40,10 @@ def readable(text: str) -> Path:
     path = Path(text)
     if path.is_dir():
         raise argparse.ArgumentTypeError(f"{text} is a folder: name a file in it")
+    if path.exists() and not path.is_file():
+        raise argparse.ArgumentTypeError(
+            f"{text} is a pipe or a device, which can be read only once: write it to a file first"
+        )
     if not path.is_file():
         raise argparse.ArgumentTypeError(f"no such file: {text}")
     return path

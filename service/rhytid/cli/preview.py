@@ -47,8 +47,8 @@ MOST_UDIMS = 4
 SIDE_MM, _PIXELS = 8.0, 400
 # Texels between two pores, at least, as far as maps go.
 _DENSITY = 16.0
-# Texels per side of what is drawn at once.
-_DRAWN = 512
+# Texels per side of what is drawn at once; and of whole maps, of which a pixel is a mean of 16.
+_DRAWN, _DRAWN_WHOLE = 512, 4 * WHOLE
 _RESOLUTIONS: list[int] = [2**n for n in range(10, 15)]
 _NEUTRAL = MapQuery("neutral")
 # Shares of the progress at which whole maps and patches are drawn.
@@ -78,22 +78,37 @@ def write_preview(
     settings = settings.changed({"resolution": resolution_for(scales, spacing)})
     caption = (
         f"{plural(graph.counts()[1], 'wrinkle')}, pores {spacing * unit_mm:.3g} mm apart, drawn at "
-        f"{settings.resolution} x {settings.resolution} texels. Whole maps are means of many "
+        f"{settings.resolution} x {settings.resolution} texels. Whole maps are means over larger "
         "texels, their relief exaggerated. Patches are seen on the surface, along its normal, true "
         "to scale, 45° and grazing light from the upper left."
     )
     with share_bar("preview") as show:
+        # Of whole maps nobody sees the texels of the patches, which take minutes all over a face.
+        broad = settings.changed({"resolution": min(settings.resolution, _DRAWN_WHOLE)})
+        maps = _wholes(device, mesh, graph, broad, near.udim, part(show, 0.0, _WHOLE))
         with resident(device, mesh, graph, settings) as asset:
-            others = [udim for udim in mesh_udims(mesh) if udim != near.udim]
-            udims = sorted([near.udim, *others[: MOST_UDIMS - 1]])
-            maps = []
-            for done, one in enumerate(udims):
-                show(_WHOLE * done / len(udims), f"UDIM {one}")
-                maps.append(_whole(asset, mesh, one))
             patches = _patches(asset, mesh, near, part(show, _WHOLE, _DRAWING))
         show(_DRAWING, "picture")
         with atomic_write(file) as aside:
             preview(maps, patches, unit_mm, caption).save(aside, format="png")
+
+
+def _wholes(
+    device: Device,
+    mesh: Mesh,
+    graph: WrinkleGraph,
+    settings: AssetSettings,
+    near: int,
+    progress: Progress,
+) -> list[WholeMap]:
+    """The maps of the UDIM `near` and of some others."""
+    others = [udim for udim in mesh_udims(mesh) if udim != near]
+    udims, maps = sorted([near, *others[: MOST_UDIMS - 1]]), []
+    with resident(device, mesh, graph, settings) as asset:
+        for done, one in enumerate(udims):
+            progress(done / len(udims), f"UDIM {one}")
+            maps.append(_whole(asset, mesh, one))
+    return maps
 
 
 def _whole(asset: DeviceAsset, mesh: Mesh, udim: int) -> WholeMap:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,7 +15,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import LINES
 from rhytid.domain.lengths import SKIN
 from rhytid.domain.painted_maps import CONTROLS, REGION_MAPS, REGION_PREFIX
-from rhytid.domain.skin import REGIONS, WHOLE_FACE
+from rhytid.domain.skin import ANATOMIES, REGIONS, WHOLE_FACE
 from rhytid.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ _SETTINGS = (
     *("age", "density", "strength", "turn", "anisotropy", "scale", "pore_radius"),
     *("rank", "patches", "events"),
 )
+# Those that are no numbers, and what they may be.
+_WORDS = {"anatomy": ANATOMIES}
 _MASKED = [name.removeprefix(REGION_PREFIX) for name in REGION_MAPS]
 # Of these options one that is given beside a graph would have no effect.
 _GROWING = ("lines", "shapes", "region", "set", "map", "region_mask")
@@ -45,14 +48,22 @@ def add_skin(command: argparse.ArgumentParser, *, graph: bool = False) -> argpar
     _add_lines(parser)
     skin = f"what skin the mesh has where no mask says otherwise (default: {WHOLE_FACE})"
     parser.add_argument("--region", choices=REGIONS, help=skin)
-    settings = f"a setting for the whole mesh: {', '.join(_SETTINGS)}"
+    words = [f"{name} ({' or '.join(values)})" for name, values in _WORDS.items()]
+    settings = f"a setting for the whole mesh: {', '.join([*_SETTINGS, *words])}"
     add_several(parser, "--set", type=_setting, metavar="NAME=VALUE", help=settings)
     maps = [name for name in CONTROLS if name not in REGION_MAPS]
     painted = "grey PNG or EXR painted in UV, named ANY.<UDIM>.png; NAME: " + ", ".join(maps)
     add_several(parser, "--map", type=_named(maps), metavar="NAME=FILE", help=painted)
     mask = "grey PNG or EXR, white where skin is of that region: " + ", ".join(_MASKED)
-    add_several(parser, "--region-mask", type=_named(_MASKED), metavar="REGION=FILE", help=mask)
+    masked = _named(_MASKED, REGION_PREFIX)
+    add_several(parser, "--region-mask", type=masked, metavar="REGION=FILE", help=mask)
     return parser
+
+
+def add_settings(parser: argparse._ActionsContainer, more: str = "") -> None:
+    """Add `--settings`.  more: what its help says beside what the file is."""
+    help_ = "asset settings as JSON" + more
+    parser.add_argument("--settings", type=readable, metavar="FILE", help=help_)
 
 
 def add_density(parser: argparse._ActionsContainer) -> argparse._ActionsContainer:
@@ -113,17 +124,22 @@ def skin_settings(
 def asset_settings(arguments: argparse.Namespace) -> dict[str, Any]:
     """The settings of `--settings`, overridden by the options. Raises SettingsError naming what is
     wrong."""
-    given: Any = {}
-    if arguments.settings is not None:
-        try:
-            given = json.loads(arguments.settings.read_bytes())
-        except (ValueError, RecursionError) as exc:
-            raise SettingsError(f"{arguments.settings} is not JSON: {exc}") from exc
-        AssetSettings.parse(given)
-    settings: dict[str, Any] = dict(given)
+    settings = given_settings(arguments)
     if arguments.resolution is not None:
         settings["resolution"] = arguments.resolution
     return skin_settings(arguments, settings)
+
+
+def given_settings(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The settings of `--settings`; empty without it. Raises SettingsError naming what is wrong."""
+    if arguments.settings is None:
+        return {}
+    try:
+        given = json.loads(arguments.settings.read_bytes())
+    except (ValueError, RecursionError) as exc:
+        raise SettingsError(f"{arguments.settings} is not JSON: {exc}") from exc
+    AssetSettings.parse(given)
+    return dict(given)
 
 
 def skin_request(arguments: argparse.Namespace) -> SkinRequest:
@@ -154,27 +170,34 @@ def skin_controls(arguments: argparse.Namespace, mesh: Mesh) -> Controls | None:
     return control_files(skin_maps(arguments), mesh)
 
 
-def _setting(text: str) -> tuple[str, float]:
+def _setting(text: str) -> tuple[str, float | str]:
     name, _, value = text.partition("=")
+    known = _one_of((*_SETTINGS, *_WORDS), name)
+    if known in _WORDS:
+        return known, _one_of(_WORDS[known], value)
     try:
-        return _one_of(_SETTINGS, name), float(value)
+        return known, float(value)
     except ValueError as error:
         raise argparse.ArgumentTypeError(
             f"{text!r}: {name} needs a number, as {name}=1.5"
         ) from error
 
 
-def _named(names: Sequence[str]) -> Any:
+def _named(names: Sequence[str], prefix: str = "") -> Any:
+    """Reads NAME=FILE.  prefix: that the name may have in front."""
+
     def named(text: str) -> tuple[str, Path]:
         name, equals, file = text.partition("=")
         if not (equals and file):
             raise argparse.ArgumentTypeError(f"{text!r}: write it as NAME=FILE")
-        return _one_of(names, name), readable(file)
+        return _one_of(names, name.removeprefix(prefix)), readable(file)
 
     return named
 
 
 def _one_of(names: Sequence[str], name: str) -> str:
     if name not in names:
-        raise argparse.ArgumentTypeError(f"{name!r}: one of {', '.join(names)}")
+        near = difflib.get_close_matches(name, names, n=1)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        raise argparse.ArgumentTypeError(f"{name!r}: one of {', '.join(names)}{hint}")
     return name

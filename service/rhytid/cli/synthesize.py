@@ -18,7 +18,13 @@ from rhytid.cli.graph_output import (
 )
 from rhytid.cli.options import add_caches, add_mesh, add_strict, add_unit, cache_clip, length_unit
 from rhytid.cli.parser import Commands, new_command
-from rhytid.cli.skin_options import add_skin, skin_controls, skin_settings
+from rhytid.cli.skin_options import (
+    add_settings,
+    add_skin,
+    given_settings,
+    skin_controls,
+    skin_settings,
+)
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
 from rhytid.domain.expressions import expressions_for_lines
 from rhytid.domain.graph import GraphOrigin
@@ -57,7 +63,7 @@ def add_command(commands: Commands) -> None:
         "FILE.regions.png; that is written where there are expressions of known names "
         "(default: the age of --set, else 35)"
     )
-    add_skin(parser)
+    add_settings(add_skin(parser), ", as for bake: of these graph and unit count")
     parser.add_argument("--ages", nargs="+", type=float, metavar="AGE", help=ages)
     parser.set_defaults(run=run, usage_error=parser.refuse)
 
@@ -81,14 +87,16 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     from rhytid.synthesis.generate import synthesize
     from rhytid.synthesis.progress import clocked
 
-    settings = grown_settings(skin_settings(arguments))
+    given = given_settings(arguments)
+    arguments.unit = arguments.unit or given.get("unit")
+    settings = grown_settings(skin_settings(arguments, given))
     check_suffix(arguments.out, GRAPH, "the graph")
     ages = _ages(settings, arguments.ages)
     clip = cache_clip(arguments)
     read = mesh_file(arguments.mesh, clip)
     mesh, unit = read.mesh, length_unit(arguments, read)
     arguments.unit = arguments.unit or read.unit
-    settings = grown_settings(skin_settings(arguments))
+    settings = grown_settings(skin_settings(arguments, given))
     warnings.notes(read.notes)
     warnings.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
     check_outputs(arguments, mesh)

@@ -19,7 +19,7 @@ from rhytid.cli.options import (
 )
 from rhytid.cli.parser import Commands, new_command
 from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
-from rhytid.domain.painted_maps import MOST_TEXELS, NEUTRAL, NEUTRALS
+from rhytid.domain.painted_maps import MOST_TEXELS, NEUTRAL, NEUTRALS, REGION_PREFIX
 from rhytid.domain.tiles import mesh_udims
 from rhytid.domain.wording import plural
 from rhytid.errors import InputError
@@ -53,11 +53,17 @@ def add_command(commands: Commands) -> None:
     size = f"texels per side of every image, {LEAST_SIDE} to {MOST_SIDE}"
     add("--size", type=int, default=2048, metavar="R", help=size)
     masks = f"masks to write, of {', '.join(MASKS)} (default: all)"
-    add_several(parser, "--masks", choices=MASKS, metavar="NAME", help=masks)
+    add_several(parser, "--masks", type=_mask, choices=MASKS, metavar="NAME", help=masks)
     add_unit(parser, "MESH")
     add_prim(parser)
     add_json(parser)
     parser.set_defaults(run=run)
+
+
+def _mask(name: str) -> str:
+    """The name of a mask; that of a region may stand without its prefix."""
+    region = REGION_PREFIX + name
+    return region if region in MASKS else name
 
 
 def run(arguments: argparse.Namespace) -> None:

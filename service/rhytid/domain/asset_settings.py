@@ -305,8 +305,9 @@ class AssetSettings:
         or in the neutral tangent plane (`"surface"`)
     preset: choice of bins, the closest to `redraw` at no more than twice the paper's time, with
         lines that bend and soft limits, grown with rank, patches and events; or `"paper"`, which
-        has none of these, in any method; keys of `bins`, `shape`, `response` and `graph` override
-        it
+        has none of these, in any method; keys of `bins`, `shape`, `response` and `graph` beside it
+        override it. A PATCH of it sets all of its keys anew, those too that were given before, as
+        `response.folds`, but for `graph` and `bins.r_max`
     name: what people call the asset; null is the name of the mesh's file without its ending where
         an asset is sent, none in a PATCH. The same content with another name is the same asset, and
         keeps the name that it has

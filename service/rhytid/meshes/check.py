@@ -184,6 +184,8 @@ class MeshCheck:
             region = region_of(name)
             if region is not None:
                 regions.setdefault(region, []).append(name)
+        if "lip" in regions:  # the mouth is what these carry along around the lips
+            regions["mouth"] = regions["lip"]
         count = 0 if shapes is None else len(shapes)
         return {"count": count, "names": names, "regions": regions}
 

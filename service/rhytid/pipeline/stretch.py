@@ -5,6 +5,7 @@ al. 2020). Kernels: stretch.cl, tension.cl, uv_stretch.cl."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -64,7 +65,8 @@ class StretchStage:
         self._faces = device.upload(mesh.faces)
         self._jacobians = device.upload(_surface_jacobians(mesh))
         tensor = Tensor(device, mesh)
-        self._folding = Folding(device, mesh, self._faces, tensor.rest, unit)
+        self._folding: Folding | None = None
+        self._make_folding = partial(Folding, device, mesh, self._faces, tensor.rest, unit)
         self._models: dict[str, StretchModel] = {
             "tensor": tensor,
             "tension": Tension(device, mesh),
@@ -109,6 +111,8 @@ class StretchStage:
         frame = self._device.upload(positions)
         self._models[model].launch(frame, self._faces, triangles, limit, found)
         if folds > 0.0:
+            # Made at first use: it takes long on dense meshes, and where folds are off it is idle.
+            self._folding = self._folding or self._make_folding()
             taken = self._folding.take(frame, folds, found.logs, found.tension)
             found = replace(found, taken=taken)
         frame.release()
@@ -130,7 +134,8 @@ class StretchStage:
         """Give the memory back."""
         self._faces.release()
         self._jacobians.release()
-        self._folding.release()
+        if self._folding is not None:
+            self._folding.release()
         for model in self._models.values():
             model.release()
 

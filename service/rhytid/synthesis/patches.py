@@ -59,6 +59,7 @@ class Patches:
     def __init__(self, surface: Surface, seed: int, wave: float) -> None:
         self._seed, self.size = seed, wave * surface.scale
         self._planes = _planes(surface, wave / CELLS_OF_WAVE)
+        self._laid: tuple[int, FloatArray] | None = None
         length = float(np.sqrt(np.median(surface.density[surface.carries])))
         self.detail = wave / CELLS_OF_WAVE / length
 
@@ -107,18 +108,31 @@ class Patches:
 
     def _noise(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """(N,) values of mean 0 and deviation 1."""
-        rows_of_place = placement(self._seed, _FIELDS[name][2])
+        planes = self._in_table(_FIELDS[name][2])
         found = np.empty(len(triangle), np.float32)
         for start in range(0, len(triangle), _ROWS):
             rows = slice(start, start + _ROWS)
-            plane = self._planes.take(triangle[rows], axis=1)
-            u, v = uv[rows].T
-            x, y, z = (plane[i] * u + plane[3 + i] * v + plane[6 + i] for i in range(3))
-            # One by one: a matrix product may round a row by where in the array it is.
+            plane, (u, v) = planes.take(triangle[rows], axis=1), np.ascontiguousarray(uv[rows].T)
             found[rows] = _interpolated(
-                *(a * x + b * y + c * z + d for a, b, c, d in rows_of_place)
+                *(plane[i] * u + plane[3 + i] * v + plane[6 + i] for i in range(3))
             )
         return found
+
+    def _in_table(self, salt: int) -> FloatArray:
+        """(9, F) `_planes` as the field of a salt lies in the table. That of the last is kept:
+        densities are asked for at millions of places one after the other."""
+        if self._laid is None or self._laid[0] != salt:
+            rows = placement(self._seed, salt)
+            # One by one: a matrix product may round a row by where in the array it is.
+            laid = np.stack(
+                [
+                    [a * x + b * y + c * z for a, b, c, _ in rows]
+                    for x, y, z in self._planes.reshape(3, 3, -1)
+                ]
+            )
+            laid[2] += np.array(rows)[:, 3:]
+            self._laid = salt, laid.reshape(9, -1)
+        return self._laid[1]
 
 
 def _deviations(name: str, amount: Factors) -> Factors:
@@ -137,11 +151,13 @@ def _with_least(name: str, factor: Factors) -> Factors:
 
 
 def _interpolated(x: FloatArray, y: FloatArray, z: FloatArray) -> Factors:
-    """(N,) values of the table at places in cells, linear between its nodes."""
+    """(N,) values of the table at places in cells, which it overwrites, linear between its
+    nodes."""
     values, cell, shares = table().ravel(), np.zeros(len(x), np.int64), []
     for at in (x, y, z):
         low = np.floor(at)
-        shares.append((at - low).astype(np.float32))
+        at -= low
+        shares.append(at.astype(np.float32))
         cell *= _ROW
         cell += low.astype(np.int64) & (CELLS - 1)
     between = [values.take(cell + corner) for corner in _CORNERS]
