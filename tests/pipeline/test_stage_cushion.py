@@ -281,7 +281,7 @@ def maps(device, request):
     return MapScene(device, shared(BROAD) if request.param == "shared" else BROAD)
 
 
-@pytest.mark.parametrize("index", [0, 1, 2, 4])
+@pytest.mark.parametrize("index", [0, 1, 3, 6])
 def test_maps_are_those_of_the_reference_drawn_with_their_depth(maps, index):
     r = maps.samples[index]
     scale = maps.depth_scale(r)
@@ -295,7 +295,7 @@ def test_maps_are_those_of_the_reference_drawn_with_their_depth(maps, index):
     assert np.sqrt(np.square(off).mean()) <= 2e-3
     # Depth that is multiplied on later is less where lines meet.
     flat = reference.heights(maps.centres, maps.lines(r, r, 1.0), maps.cushion)
-    assert index == 2 or np.abs(found - flat).max() > 0.05
+    assert index == 3 or np.abs(found - flat).max() > 0.05
 
 
 def test_owners_are_those_of_the_reference(maps):

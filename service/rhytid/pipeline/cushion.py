@@ -42,7 +42,7 @@ MORE = VECTOR
 # where along that it is.
 CUSHIONS, OWNERS, PLACES = "cushions", "cushion_owners", "cushion_places"
 # Log stretches that its maps are drawn at.
-SAMPLES = 5
+SAMPLES = 7
 # The programs of the kernels.
 _PROGRAMS = {"cushion": "cushion", "cushion_map": "cushion", "cushion_owners": "owners"}
 # Draws a square into arrays.

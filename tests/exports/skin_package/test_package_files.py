@@ -26,6 +26,7 @@ from rhytid.exports.skin_package.runtime import stretch
 from rhytid.exports.skin_package.texture_arrays import Paging, SetFiles, in_sets, pyramid
 from rhytid.formats.gltf import read_glb_shapes
 from rhytid.formats.ktx2 import ktx2_pieces
+from rhytid.pipeline.cushion import SAMPLES
 from rhytid.pipeline.elements import LineSources
 
 
@@ -104,7 +105,7 @@ def test_cushions_have_their_apron(written: Written) -> None:
     address = TileAddress(1001, 0, 0, 1)
     row, column = (128 * at // cushion.factor for at in (0, 1))
     for at, (layer, sample) in enumerate(
-        [*(("cushions", m) for m in range(5)), ("cushion_places", 0)]
+        [*(("cushions", m) for m in range(SAMPLES)), ("cushion_places", 0)]
     ):
         codes = written.engine.tiles.bin_tile(written.asset, address, layer, 0, sample)
         assert np.array_equal(found[at, row:, column:][: len(codes), : len(codes)], codes)
