@@ -287,7 +287,7 @@ def test_tiles_of_cushions_overlap_by_their_aprons(client: httpx.Client) -> None
     ("preset", "layer", "bin", "sample", "told"),
     [
         ("best", "cushions", 4, 0, "bin 4 of layer cushions: 0 to 0"),
-        ("best", "cushions", 0, 5, "sample 5 of layer cushions: 0 to 4"),
+        ("best", "cushions", 0, 7, "sample 7 of layer cushions: 0 to 6"),
         ("best", "grain", 1, 0, "bin 1 of layer grain: 0 to 0"),
         ("paper", "cushions", 0, 0, "layer 'cushions': one of wrinkles, pores"),
         ("paper", "grain", 0, 0, "layer 'grain': one of wrinkles, pores"),

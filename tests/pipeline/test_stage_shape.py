@@ -29,7 +29,7 @@ def test_shapes_stay_within_the_local_memory_and_the_groups_of_a_device():
     for shape in launch_shapes("gpu", 1 << 16, 32):
         assert shape.rows in (64, 32, 16)
         assert max(shape.lanes, shape.vectors) <= 32
-    with pytest.raises(DeviceError, match="8192 bytes of local memory: drawing needs 15040"):
+    with pytest.raises(DeviceError, match="8192 bytes of local memory: drawing needs 16256"):
         launch_shapes("gpu", 8 << 10, 1024)
 
 

@@ -338,6 +338,7 @@ BEFORE = """async () => {
   const bytes = async (path) => (await fetch(path)).arrayBuffer();
   const found = await (await fetch('manifest.json')).json();
   const { textures, codes } = found.wrinkles, { factor, apron } = found.cushion;
+  found.version = 1;
   found.cushion = { textures, codes, triangles: found.triangles, factor, apron };
   for (const shaders of Object.values(found.shaders)) delete shaders.passes.lines;
   const text = new TextEncoder().encode(JSON.stringify(found)).buffer;

@@ -27,9 +27,9 @@ inline float16 owner_stretch(int16 owners, __global const CODE *places,
 // code of each sample. last: log stretch of the last sample. depth: exponent and limit of the depth
 // scale. out: displacement, mesh units, row by row; within 1e-6 of the largest step times code of the
 // same in double.
-__kernel void blend_cushions(__global const int *owners, __global const CODE *codes,
-                             __global const float2 *stretches, __global const float *steps,
-                             float last, float2 depth, __global float *out)
+inline void blend_samples(__global const int *owners, __global const CODE *codes,
+                          __global const float2 *stretches, __global const float *steps, float last,
+                          float2 depth, __global float *out)
 {
     int i = get_global_id(0);
     codes += (size_t)i * ((SAMPLES + 1) * WIDTH);
@@ -39,4 +39,23 @@ __kernel void blend_cushions(__global const int *owners, __global const CODE *co
     for (int m = 0; m < SAMPLES; m++)
         sum += FLOATS_OF(codes + m * WIDTH) * (fmax(1.0f - fabs(position - m), 0.0f) * steps[m]);
     vstore16(SCALE(power16, r, -depth.x, depth.y) * sum, i, out);
+}
+
+// Up to four tiles of as many samples at once: work-item (vector, tile).
+#define TILE(k)                                                                                    \
+    __global const int *owners##k, __global const CODE *codes##k, __global float *out##k
+#define BLEND(k)                                                                                   \
+    case k:                                                                                        \
+        blend_samples(owners##k, codes##k, stretches, steps, last, depth, out##k);                 \
+        break;
+
+__kernel void blend_cushions(TILE(0), TILE(1), TILE(2), TILE(3), __global const float2 *stretches,
+                             __global const float *steps, float last, float2 depth)
+{
+    switch (get_global_id(1)) {
+        BLEND(0)
+        BLEND(1)
+        BLEND(2)
+        BLEND(3)
+    }
 }

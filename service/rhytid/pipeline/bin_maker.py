@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import count as counter
 from itertools import product
 from typing import Any
@@ -41,7 +42,7 @@ from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.redraw import launch_blocks
 from rhytid.pipeline.stiffness import stiffness_of_texels
 from rhytid.pipeline.vectors import VECTOR, VectorTriangles
-from rhytid.pipeline.work import BLOCK, Square
+from rhytid.pipeline.work import BLOCK, Square, timed
 
 # Runs the kernel of a map over a square of level 0: (square, into, defines).
 _Launch = Callable[..., None]
@@ -131,13 +132,8 @@ class BinMaker:
         self, launch: _Launch, square: Square, into: tuple[Any, ...], defines: Mapping[str, object]
     ) -> None:
         """Launch one map of a square and wait for it, as one step."""
-
-        def run() -> None:
-            with self._elements.bins_pace.timing(self._elements.work.of(*square)):
-                launch(square, into, defines)
-                self._device.finish()
-
-        self._device.step(run)
+        pace, work = self._elements.bins_pace, self._elements.work.of(*square)
+        timed(self._device, pace, work, partial(launch, square, into, defines))
 
     def _tile(self, square: Square, codes: Buffer) -> BinTile:
         """The tile of codes, with the triangles and the stiffness of its texels."""
@@ -215,9 +211,7 @@ class BinMaker:
         )
 
     def _launching(self, kernel: str, *arguments: Any) -> _Launch:
-        def launch(
-            square: tuple[int, int, int], into: tuple[Any, ...], defines: dict[str, object]
-        ) -> None:
+        def launch(square: Square, into: tuple[Any, ...], defines: Mapping[str, object]) -> None:
             launch_blocks(
                 self._device, "bins", kernel, self._settings, self._elements, square, *arguments,
                 into=into, defines={**defines, **self._elements.share_defines},

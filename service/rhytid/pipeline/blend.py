@@ -265,7 +265,7 @@ class Blend:
             yield _Raised([None] * len(tiles), {})
             return
         assert lines is not None
-        coarse = [self._cushion.tile(cushion, lines) for cushion in found]
+        coarse = self._cushion.tiles(found, lines)
         texels = int(tiles[0].place[0])
         yield _Raised(coarse, {"RAISED": 1, "COARSER": texels // (found[0].side - 2 * APRON)})
         for buffer in coarse:
@@ -311,19 +311,23 @@ class CushionBlend:
             "CODE_LIMIT": code_limit(bits),
         }
 
-    def tile(self, maps: CushionTile, lines: Buffer) -> Buffer:
-        """float32 displacement of the samples of a tile, on the device, with MORE values behind
-        them.
+    def tiles(self, tiles: Sequence[CushionTile], lines: Buffer) -> list[Buffer]:
+        """float32 displacement of the samples of tiles, TILES_A_LAUNCH at most with equally many
+        samples, on the device, with MORE values behind those of each.
 
         lines: `ends` of LineStretches.
         """
-        out = self._device.empty(maps.side**2 + MORE, np.float32)
+        vectors = tiles[0].side ** 2 // VECTOR
+        made = [self._device.empty(maps.side**2 + MORE, np.float32) for maps in tiles]
+        of_each = [(maps.owners, maps.codes, out) for maps, out in zip(tiles, made, strict=True)]
+        of_each += [of_each[0]] * (TILES_A_LAUNCH - len(tiles))  # which no work-item looks at
         self._device.launch(
-            "blend_cushions", "blend_cushions", (maps.side**2 // VECTOR,),
-            maps.owners, maps.codes, lines, self._steps, self._last, self._depth, out,
+            "blend_cushions", "blend_cushions", (vectors, len(tiles)),
+            *chain.from_iterable(of_each), lines, self._steps, self._last, self._depth,
+            group=_group(self._device.shape.vectors, vectors),
             defines=self._defines,
         )  # fmt: skip
-        return out
+        return made
 
     def release(self) -> None:
         """Give the memory back."""

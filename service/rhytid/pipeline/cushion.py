@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,7 @@ from rhytid.pipeline.cushion_layer import APRON, COARSE_BLOCK, LEAST_HALF_WIDTH,
 from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.reach import SCALE_LIMIT
 from rhytid.pipeline.vectors import VECTOR
-from rhytid.pipeline.work import BLOCK, Square
+from rhytid.pipeline.work import BLOCK, Square, timed
 
 # Texels a side of what a work-group draws.
 _BLOCK = COARSE_BLOCK + 2 * APRON
@@ -42,7 +43,7 @@ MORE = VECTOR
 # where along that it is.
 CUSHIONS, OWNERS, PLACES = "cushions", "cushion_owners", "cushion_places"
 # Log stretches that its maps are drawn at.
-SAMPLES = 5
+SAMPLES = 7
 # The programs of the kernels.
 _PROGRAMS = {"cushion": "cushion", "cushion_map": "cushion", "cushion_owners": "owners"}
 # Draws a square into arrays.
@@ -260,15 +261,15 @@ class CushionMaker:
         """Arrays of the samples around a square, each of 4 bytes, that `draw` writes, a piece at a
         time: whole blocks of samples."""
         elements, least = self._elements, BLOCK * self._factor
-        pieces = elements.work.cut(square, elements.bins_pace.most, square[2], least)
+        pieces = elements.work.cut(square, elements.cushion_pace.most, square[2], least)
         whole = self._room(square, count)
         if len(pieces) == 1:
-            draw(square, whole)
+            self._timed(draw, square, whole)
             return whole
         side = coarse_side(square[2], self._factor)
         for piece in pieces:
             parts = self._room(piece, count)
-            draw(piece, parts)
+            self._timed(draw, piece, parts)
             down, across = ((piece[i] - square[i]) // self._factor for i in (0, 1))
             part_side = coarse_side(piece[2], self._factor)
             for part, out in zip(parts, whole, strict=True):
@@ -277,6 +278,10 @@ class CushionMaker:
             for part in parts:
                 part.release()
         return whole
+
+    def _timed(self, draw: _Draw, square: Square, into: tuple[Buffer, ...]) -> None:
+        pace, work = self._elements.cushion_pace, self._elements.work.of(*square)
+        timed(self._device, pace, work, partial(draw, square, into))
 
     def _room(self, square: Square, count: int) -> tuple[Buffer, ...]:
         side = coarse_side(square[2], self._factor)

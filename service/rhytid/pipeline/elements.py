@@ -242,9 +242,9 @@ def _with_partners(
 class UdimElements:
     """The wrinkles, pores and events of one UDIM on the device.
 
-    work: of drawing any square of them.  pace, bins_pace: at which that goes, of what a frame shows
-    and of one precomputed map.  events: None where there are none.  wrinkle_rows: of the graph,
-    and behind them -1.
+    work: of drawing any square of them.  pace, bins_pace, cushion_pace: at which that goes, of what
+    a frame shows, of one precomputed map, and of one of the broad layer.  events: None where there
+    are none.  wrinkle_rows: of the graph, and behind them -1.
     """
 
     def __init__(
@@ -257,7 +257,8 @@ class UdimElements:
     ) -> None:
         self.wrinkles, self.pores = len(wrinkles.segments), len(pores.centres)
         self.work = work_of(wrinkles, pores, events)
-        self.pace, self.bins_pace = DrawingPace(device.work_pace), DrawingPace(device.work_pace)
+        paces = (DrawingPace(device.work_pace) for _ in range(3))
+        self.pace, self.bins_pace, self.cushion_pace = paces
         self.segments = device.upload(wrinkles.segments)
         self.sizes = device.upload(wrinkles.sizes)
         self.bins = device.upload(orientation_bins(wrinkles.segments, bin_count))

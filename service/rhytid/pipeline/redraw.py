@@ -54,19 +54,17 @@ class LineStretches(BufferGroup):
     """r of K wrinkles of a UDIM in one frame, on the device, to be filled for frame after frame:
     fresh memory takes as long as what is written to it.
 
-    r: in the middle of each.  ends: (K + 1, 2) float32 at both ends, then that of none, 0.
+    ends: (K + 1, 2) float32 at both ends, then that of none, 0.
     frame: digest of the frame that they are of; "" for none.
     """
 
-    r: Buffer
     ends: Buffer
     frame: str = ""
 
     @classmethod
     def allocate(cls, device: Device, elements: UdimElements) -> LineStretches:
         """Buffers for the wrinkles of `elements`, not initialised."""
-        count = elements.wrinkles
-        return cls(device.empty(count, np.float32), device.empty(2 * (count + 1), np.float32))
+        return cls(device.empty(2 * (elements.wrinkles + 1), np.float32))
 
     def fill(
         self,
@@ -83,18 +81,20 @@ class LineStretches(BufferGroup):
         self.frame = ""  # until all of it is written
         count = elements.wrinkles
         given = (elements.segments, elements.wrinkle_triangle, elements.wrinkle_stiffness)
-        wrinkles(count, *given, self.r)
-        take_over(device, elements.wrinkle_origins, wrinkles, self.r, R_ALONE)
+        r = device.empty(count, np.float32)  # in the middle of each
+        wrinkles(count, *given, r)
+        take_over(device, elements.wrinkle_origins, wrinkles, r, R_ALONE)
         device.launch(
             "ends", "end_stretches", (count + 1,),
-            self.r, elements.partners, np.int32(count), np.float32(settings.response.ends),
+            r, elements.partners, np.int32(count), np.float32(settings.response.ends),
             self.ends, defines=response_defines(settings.response.soft_limits),
         )  # fmt: skip
+        r.release()
         self.frame = frame
 
     @property
     def _buffers(self) -> tuple[Buffer, ...]:
-        return (self.r, self.ends)
+        return (self.ends,)
 
 
 def respond(

@@ -7,12 +7,14 @@ a block beside its elements, was measured on PoCL with two cores and holds withi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.launches import FIRST_WORK
+from rhytid.device.launches import FIRST_WORK, DrawingPace
+from rhytid.device.runtime import Device
 from rhytid.domain.wording import plural
 from rhytid.errors import LimitError
 from rhytid.pipeline.cells import CellLists
@@ -210,6 +212,17 @@ class DrawLimit:
                 f"{drawing} would take about {_seconds(block)} s on this device where they are "
                 f"densest, in {BLOCK}² of {resolution}² texels: more than {_BLOCK_SECONDS} s"
             )
+
+
+def timed(device: Device, pace: DrawingPace, work: float, draw: Callable[[], None]) -> None:
+    """Draw and wait for it, as one step of the device; `pace` counts how long the work took."""
+
+    def run() -> None:
+        with pace.timing(work):
+            draw()
+            device.finish()
+
+    device.step(run)
 
 
 def _seconds(value: float) -> str:

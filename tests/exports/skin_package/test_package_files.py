@@ -17,7 +17,7 @@ from exports.skin_package.ktx2 import Texture, read_ktx2
 from pipeline.scenes import settings_of
 from rhytid.domain.tiles import TileAddress
 from rhytid.errors import LimitError, SettingsError
-from rhytid.exports.skin_package import package, texture_arrays
+from rhytid.exports.skin_package import cushion_lines, package, texture_arrays
 from rhytid.exports.skin_package.cushion_lines import used_lines
 from rhytid.exports.skin_package.manifest import Manifest, schema
 from rhytid.exports.skin_package.maps import SkinMaps, check_settings
@@ -26,6 +26,7 @@ from rhytid.exports.skin_package.runtime import stretch
 from rhytid.exports.skin_package.texture_arrays import Paging, SetFiles, in_sets, pyramid
 from rhytid.formats.gltf import read_glb_shapes
 from rhytid.formats.ktx2 import ktx2_pieces
+from rhytid.pipeline.cushion import SAMPLES
 from rhytid.pipeline.elements import LineSources
 
 
@@ -104,7 +105,7 @@ def test_cushions_have_their_apron(written: Written) -> None:
     address = TileAddress(1001, 0, 0, 1)
     row, column = (128 * at // cushion.factor for at in (0, 1))
     for at, (layer, sample) in enumerate(
-        [*(("cushions", m) for m in range(5)), ("cushion_places", 0)]
+        [*(("cushions", m) for m in range(SAMPLES)), ("cushion_places", 0)]
     ):
         codes = written.engine.tiles.bin_tile(written.asset, address, layer, 0, sample)
         assert np.array_equal(found[at, row:, column:][: len(codes), : len(codes)], codes)
@@ -153,6 +154,35 @@ def test_lines_that_continue_one_another_find_each_other() -> None:
     assert table[0].tolist() == [0, 1, 3, 7]
     assert table[2:, :3].tolist() == [[0, 0, 2], [3, 0, 0]]
     assert table[2:, 3].tolist() == [0, 0]
+
+
+def test_too_many_owners_are_refused_with_the_tile_that_has_them(
+    written: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    maps = SkinMaps.of(written.engine, written.asset)
+    first, other = (TileAddress(1001, 0, 0, column) for column in (0, 1))
+    codes = written.engine.tiles.bin_tile(written.asset, first, "cushion_owners")
+    owned = len(np.unique(codes[codes >= 0]))
+    monkeypatch.setattr(cushion_lines, "MOST_SIDE", 1)
+    monkeypatch.setattr(cushion_lines, "LINES_A_ROW", owned + 1)
+    made = maps.empty(1001)
+    maps.fill(made, first)
+    maps.fill(made, first)
+    with pytest.raises(LimitError, match=f"more than a texture holds, {owned}"):
+        maps.fill(made, other)
+
+
+def test_the_arrays_of_lines_take_what_is_counted() -> None:
+    count = 200_000
+    rows = np.arange(count, dtype=np.int32)
+    owners = np.resize(rows, (1, 512, 512))
+    tracemalloc.start()
+    along, partners = np.tile([0.6, -0.8], (count, 1)), np.stack([rows - 1, rows - 2], axis=1)
+    lines = LineSources(rows, rows.copy(), along, np.maximum(partners, -1))
+    used_lines(owners, lines, 7)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < cushion_lines.LINE_BYTES * count + 25 * owners.size
 
 
 def test_coarser_levels_are_rounded_means(written: Written) -> None:

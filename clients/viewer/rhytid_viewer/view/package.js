@@ -11,6 +11,8 @@ import { readKtx2 } from './ktx2.js';
 /** @typedef {(path: string) => Promise<ArrayBuffer>} ReadFile */
 
 const DIALECT = 'glsl-es-300';
+// 1: of before cushions had owners.
+const VERSIONS = [1, 2];
 const PARTS = ['mesh', 'blend', 'layers', 'textures', 'triangles', 'wrinkles', 'stretch', 'weights', 'shaders'];
 
 /**
@@ -97,7 +99,7 @@ async function parsed(path, readFile, parse) {
 function readManifest(bytes) {
   const found = JSON.parse(text(bytes));
   if (found.format !== 'rhytid-skin') throw new Error('is no manifest of a skin package');
-  if (found.version !== 1) throw new Error(`version ${found.version} of skin packages is not known here`);
+  if (!VERSIONS.includes(found.version)) throw new Error(`version ${found.version} of skin packages is not known here`);
   for (const part of PARTS)
     if (!found[part]) throw new Error(`has no ${part}: another version of rhytid wrote this package`);
   if (!found.shaders?.[DIALECT]) throw new Error(`has no shaders of ${DIALECT}`);

@@ -40,7 +40,7 @@ from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.work import Square
 
 # Frames of one UDIM whose lines keep their log stretch: clients on as many frames take turns.
-_LINE_FRAMES = 3
+_LINE_FRAMES = 4
 
 
 class DeviceFrames:

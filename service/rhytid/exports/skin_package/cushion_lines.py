@@ -17,6 +17,30 @@ from rhytid.pipeline.elements import LineSources
 LINES_A_ROW = MOST_SIDE
 # A component of a direction in 16 bits: 1 is as much over the middle.
 _MIDDLE, _UNIT = 32768, 32767
+# Bytes that the arrays of a line take while its texture is made: sources, numbers and table.
+LINE_BYTES = 160
+
+
+class OwnerCount:
+    """How many lines own samples of a UDIM, counted tile by tile as these are read."""
+
+    def __init__(self) -> None:
+        self._owns = np.zeros(0, np.bool_)
+
+    def add(self, owners: NDArray[np.integer]) -> None:
+        """Count the owners of a tile, rows of the graph. Raises LimitError where there are more
+        than a texture holds."""
+        lines = int(owners.max(initial=-1)) + 1
+        if lines > len(self._owns):
+            self._owns = np.pad(self._owns, (0, lines - len(self._owns)))
+        self._owns[owners[owners >= 0]] = True
+        _check(int(np.count_nonzero(self._owns)))
+
+
+def _check(lines: int) -> None:
+    most = LINES_A_ROW * MOST_SIDE - 1  # the last is none
+    if lines > most:
+        raise LimitError(f"{lines} lines that swell are more than a texture holds, {most}")
 
 
 def used_lines(
@@ -35,10 +59,7 @@ def used_lines(
     own = np.unique(owner[owner >= 0])
     next_to = lines.partners[own]
     used = np.union1d(own, next_to[next_to >= 0])
-    if len(used) >= LINES_A_ROW * MOST_SIDE:
-        raise LimitError(
-            f"{len(used)} lines that swell are more than a texture holds, {LINES_A_ROW * MOST_SIDE}"
-        )
+    _check(len(used))
     number = np.full(len(lines.rows) + 1, len(used), np.int64)
     number[used] = np.arange(len(used))
     return number[owner].astype(np.uint32), _table(lines, used, number, triangles)

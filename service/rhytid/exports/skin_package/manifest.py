@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-FORMAT, VERSION = "rhytid-skin", 1
+FORMAT, VERSION = "rhytid-skin", 2
 
 
 class _Part(BaseModel):

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -17,6 +17,7 @@ from rhytid.domain.bin_manifest import BinManifest
 from rhytid.domain.lengths import millimetres
 from rhytid.domain.tiles import TileAddress
 from rhytid.errors import SettingsError
+from rhytid.exports.skin_package.cushion_lines import OwnerCount
 from rhytid.exports.skin_package.texture_arrays import Paging
 from rhytid.pipeline.bins import HEADROOM, map_count
 from rhytid.pipeline.cushion import CUSHIONS, OWNERS, PLACES
@@ -35,10 +36,11 @@ Codes = NDArray[np.integer]
 @dataclass(frozen=True, eq=False)
 class UdimMaps:
     """The maps of a UDIM by layer: (K, n, n) int8, for every bin those of its samples; owners
-    int32."""
+    int32.  owners: the lines that are among these so far."""
 
     udim: int
     maps: dict[str, Codes]
+    owners: OwnerCount = field(default_factory=OwnerCount)
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ class SkinMaps:
 
     def fill(self, into: UdimMaps, address: TileAddress) -> None:
         """Read the codes of a tile from the engine into their places; those of cushions with their
-        apron."""
+        apron. Raises LimitError where more lines own samples than a texture holds."""
         row, column = self.settings.grid.first_texel(address)
         for name, maps in into.maps.items():
             cushion = self.bins.cushion if name in (CUSHIONS, PLACES, OWNERS) else None
@@ -111,6 +113,8 @@ class SkinMaps:
                 codes = self.engine.tiles.bin_tile(self.asset, address, name, n, sample)
                 # Grain goes down to -128, which R8_SNORM takes for -127.
                 out[y : y + len(codes), x : x + len(codes)] = np.maximum(codes, LEAST_CODE)
+                if name == OWNERS:
+                    into.owners.add(codes)
 
 
 def check_settings(settings: AssetSettings) -> None:
@@ -161,6 +165,10 @@ class AssetFacts(Protocol):
     @property
     def udims(self) -> tuple[int, ...]:
         """The UDIMs that the mesh has triangles in."""
+
+    @property
+    def wrinkles(self) -> int:
+        """How many wrinkles it has."""
 
 
 class Tiles(Protocol):

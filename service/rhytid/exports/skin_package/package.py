@@ -16,7 +16,7 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError
 from rhytid.exports.meshes import write_morph_glb
-from rhytid.exports.skin_package.cushion_lines import CushionFiles
+from rhytid.exports.skin_package.cushion_lines import LINE_BYTES, CushionFiles
 from rhytid.exports.skin_package.describe import PackageTextures, package_manifest
 from rhytid.exports.skin_package.languages import LANGUAGES
 from rhytid.exports.skin_package.manifest import FORMAT, Manifest, schema
@@ -132,8 +132,9 @@ class PackageWriter:
         plain = texels * sum(map(maps.count, maps.names))
         wrinkles, numbers = texels * maps.count(WRINKLES), 4 * texels * self._bins
         cushions = 0
-        if self._cushions is not None:  # maps, owners and their numbers
+        if self._cushions is not None:  # maps, owners and their numbers, lines
             cushions = (maps.count(CUSHIONS) + 1 + 12) * maps.cushion_side**2
+            cushions += LINE_BYTES * maps.engine.assets.info(maps.asset).wrinkles
         arrays = max(
             2 * plain + wrinkles,  # when they become one array
             plain * (1 + share) + wrinkles,  # with pages and their levels
