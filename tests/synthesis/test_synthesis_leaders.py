@@ -13,6 +13,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.expressions import ENOUGH, Folds
 from rhytid.domain.mesh import Mesh
+from rhytid.synthesis import leader_courses
 from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.fold_field import FoldField
@@ -106,6 +107,24 @@ def test_they_keep_their_distance(device: Device) -> None:
     )
     near = cKDTree(place).query_ball_point(place[middle], 1.2 * MILLIMETRE)
     assert all((line[found] == line[i]).all() for i, found in zip(middle, near, strict=True))
+
+
+def test_they_end_before_a_hook(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over 5 mm in the middle the preferred direction turns by a right angle."""
+    monkeypatch.setattr(leader_courses, "_WINDING", ())
+    turn = 90.0 * np.clip(0.5 + (MESH.positions[:, 1] - 0.5) / (5 * MILLIMETRE), 0.0, 1.0)
+    axis = np.exp(1j * np.radians(turn))
+    rows = np.stack([axis.real**2, axis.imag**2, 0 * turn, axis.real * axis.imag], axis=1)
+    tensor = np.concatenate([rows, np.zeros((len(turn), 2))], axis=1) * 0.15**2
+    leaders, _ = traced(device, MESH, Folds(tensor.astype(np.float32), ENOUGH))
+    steps = leaders.courses.there.shape[1]
+    ways = np.diff(leaders.courses.points.position.reshape(-1, steps, 3), axis=1)
+    turns = []
+    for row, first, last in zip(leaders.row, leaders.first, leaders.last, strict=True):
+        way = ways[row, first:last] / np.linalg.norm(ways[row, first:last], axis=1)[:, None]
+        turns += np.degrees(np.arccos(np.clip((way[3:] * way[:-3]).sum(axis=1), -1, 1))).tolist()
+    assert len(leaders) > 10
+    assert max(turns) < 32.0
 
 
 def test_they_taper_to_both_ends_and_differ_in_depth(device: Device) -> None:

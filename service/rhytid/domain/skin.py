@@ -84,6 +84,7 @@ REGIONS: dict[str, Region] = {
     "forehead": Region(
         density=1.0,
         strength=1.1,
+        pore_strength=0.75,
         anisotropy=1.85,
         bend=0.3,
         scale=1.2,
@@ -123,18 +124,18 @@ REGIONS: dict[str, Region] = {
     ),
     # Furrows across the lip, upright and deep, joined by faint ones; next to no pores to see.
     "lip": Region(
-        density=0.35,
-        strength=3.0,
+        density=0.18,
+        strength=4.0,
         pore_strength=0.6,
         turn=90.0,
-        anisotropy=1.5,
-        bend=0.6,
-        scale=1.3,
-        pore_radius=0.35,
+        anisotropy=2.0,
+        bend=0.2,
+        scale=0.75,
+        pore_radius=0.2,
         grain=0.7,
         undulation=2.4,
         leading=0.2,
-        patchiness=0.6,
+        patchiness=1.2,
         old=Old(strength=1.3, anisotropy=1.0, contrast=1.15, grain=1.4),
     ),
     # Thin skin: fine lines that fan out from the corner, beside the eye nearly level; small pores.
@@ -154,46 +155,60 @@ REGIONS: dict[str, Region] = {
     ),
     # A wide net of rhombi, longer than high, that age deepens as a whole; small pores.
     "neck": Region(
-        density=0.8,
-        strength=1.3,
+        density=0.55,
+        strength=1.9,
         anisotropy=1.0,
         bend=0.5,
-        scale=1.3,
+        scale=1.15,
         pore_radius=0.7,
         grain=1.2,
-        undulation=2.3,
+        undulation=2.0,
         patchiness=3.3,
         leading=1.2,
-        pore_strength=0.9,
-        old=Old(strength=2.1, anisotropy=1.1, contrast=1.0, grain=1.2),
+        pore_strength=0.55,
+        old=Old(strength=2.1, pore_strength=1.4, anisotropy=1.1, contrast=1.0, grain=1.2),
     ),
     # Around the lips, and the chin: short slants, soft and broad, between pores of medium size. The
     # mouth folds more than all else of the face, and shows little of it at rest.
     "mouth": Region(
-        density=0.95,
-        strength=1.65,
-        pore_strength=0.95,
+        density=0.6,
+        strength=1.85,
+        pore_strength=0.65,
         anisotropy=0.9,
-        scale=1.45,
+        scale=1.25,
         pore_radius=1.1,
         grain=1.2,
         undulation=2.1,
         folded=0.35,
         patchiness=0.8,
         leading=0.55,
-        old=Old(strength=1.6, pore_strength=1.15, anisotropy=1.3, contrast=1.2, grain=1.4),
+        old=Old(strength=1.6, pore_strength=1.3, anisotropy=1.3, contrast=1.2, grain=1.4),
     ),
 }
 # How finely regions are told apart.
 ANATOMIES = FINE, COARSE = ("fine", "coarse")
 # What regions are where the mouth is none of its own, beside undulation and folds of 1.
 _COARSE: dict[str, dict[str, Any]] = {
-    "forehead": {"strength": 1.25},
+    "forehead": {"strength": 1.25, "pore_strength": 1.0},
     "cheek": {"strength": 0.8},
     "nose": {"strength": 0.45, "pore_strength": 3.0, "pore_radius": 1.7},
-    "lip": {"density": 1.6, "strength": 1.1, "scale": 0.9},
+    "lip": {
+        "density": 1.6,
+        "strength": 1.1,
+        "anisotropy": 1.5,
+        "bend": 0.6,
+        "scale": 0.9,
+        "pore_radius": 0.35,
+        "patchiness": 0.6,
+    },
     "eye_corner": {"strength": 1.2, "pore_strength": 0.8, "scale": 0.85},
-    "neck": {"strength": 1.1, "pore_strength": 1.0, "scale": 1.0},
+    "neck": {
+        "density": 0.8,
+        "strength": 1.1,
+        "pore_strength": 1.0,
+        "scale": 1.0,
+        "old": Old(strength=2.1, anisotropy=1.1, contrast=1.0, grain=1.2),
+    },
 }
 
 

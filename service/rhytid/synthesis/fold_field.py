@@ -34,7 +34,7 @@ _CERTAIN, _ECCENTRIC = 0.16, 0.2
 _FAINT, _DEEP, _POWER = 0.62, 1.5, 0.8
 _FAINT_PRIMARY, _DEEP_PRIMARY = 0.55, 1.6
 # Shares of what can be between which skin begins to have leaders, and the same of eccentricities.
-_LEADS, _ONE_WAY = (0.06, 0.4), (0.0, 0.25)
+_LEADS, _ONE_WAY = (0.06, 0.4), (0.0, 0.12)
 # Where leaders lead, the lines between them cross each other: how far these keep to a direction,
 # how far they go there from what they would be, and what primary lines lose, at rank 1.
 _BETWEEN, _LOOSENED, _LED = 0.7, 0.8, 0.6

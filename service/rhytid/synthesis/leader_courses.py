@@ -33,11 +33,14 @@ _SEED_AT = (0.3, 0.7)
 # Millimetres between lines: small ones, and how much farther the largest are from others.
 _APART, _FARTHER = 2.6, 3.4
 # How far lines wind about the preferred direction, radians, and over which lengths, millimetres.
-_WINDING = ((0.15, 9.0), (0.22, 2.2), (0.22, 0.8))
+_WINDING = ((0.15, 9.0), (0.2, 2.2), (0.14, 0.8))
 # How far skin must have leaders for a line to begin, and to go on.
 _BEGINS, _GOES_ON = 0.12, 0.04
 # Cosine of the turn in one step at which a line ends: it has run into a whirl of the field.
 _WHIRL = 0.65
+# The same of what the field itself turns over so many steps, without the winding: where it turns
+# more, a line would end in a hook.
+_HOOK, _HOOKED = 0.9, 3
 # Seams that one step may cross.
 _SEAMS = 3
 # Purposes of random numbers.
@@ -207,13 +210,20 @@ class _Tracer:
         uv = np.repeat(seeds.uv.astype(np.float64)[:, None], most + 1, axis=1)
         step, there = np.zeros((count, most, 2)), np.zeros((count, most + 1), np.bool_)
         there[:, 0] = True
-        going, heading = np.arange(count), side * self._axis(triangle[:, 0], uv[:, 0])
+        axis, field = self._axes(triangle[:, 0], uv[:, 0])
+        going, heading = np.arange(count), side * axis
+        # Of the last points, the first the farthest back.
+        passed = np.repeat(field[None], _HOOKED, axis=0)
         for k in range(most):
             cancellation.check()
             further = steps[going] > k
             going, heading = going[further], heading[further]
             at, where = triangle[going, k], uv[going, k]
-            heading, straight = self._turned(heading, at, where)
+            axis, field = self._axes(at, where)
+            straight = _along(axis, heading) >= _WHIRL
+            straight &= _along(field, passed[0, going]) >= _HOOK
+            heading = axis * np.where(np.einsum("nx,nx->n", axis, heading) < 0, -1.0, 1.0)[:, None]
+            passed[:-1], passed[-1, going] = passed[1:].copy(), field
             step[going, k] = self._step(at, heading)
             to, place, arrived = _walked(self._ground, at, where, step[going, k])
             goes = arrived & straight & self._goes_on(to, place)
@@ -222,25 +232,18 @@ class _Tracer:
             there[going, k + 1] = True
         return triangle, uv, there, step
 
-    def _axis(self, triangle: IntArray, uv: FloatArray) -> FloatArray:
-        """(N, 3) unit tangents along the lines that leaders follow."""
+    def _axes(self, triangle: IntArray, uv: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(N, 3) unit tangents along the lines that leaders follow, and those of the field about
+        which these wind."""
         surface, fields = self._ground.surface, self._ground.fields
         normal, position = normals_at(surface, triangle, uv), surface.place(triangle, uv)
+        level = level_directions(normal)
+        beside = np.cross(normal, level)
         angle = fields.turn(triangle, uv.astype(np.float32)).astype(np.float64)
+        straight = _turned(level, beside, angle)
         for bend, noise in self._winding:
             angle += bend * noise.at(position)
-        level = level_directions(normal)
-        found: FloatArray = np.cos(angle)[:, None] * level
-        found += np.sin(angle)[:, None] * np.cross(normal, level)
-        return found
-
-    def _turned(
-        self, heading: FloatArray, triangle: IntArray, uv: FloatArray
-    ) -> tuple[FloatArray, BoolArray]:
-        """(N, 3) headings along the field, and (N,) whether they turn little."""
-        axis = self._axis(triangle, uv)
-        cosine = np.einsum("nx,nx->n", axis, heading)
-        return axis * np.where(cosine < 0, -1.0, 1.0)[:, None], np.abs(cosine) >= _WHIRL
+        return _turned(level, beside, angle), straight
 
     def _step(self, triangle: IntArray, heading: FloatArray) -> FloatArray:
         step = np.einsum("ncx,nx->nc", self._to_uv[triangle], heading)
@@ -252,3 +255,16 @@ class _Tracer:
         ground, place = self._ground, uv.astype(np.float32)
         leads: BoolArray = ground.fields.leading(triangle, place) >= _GOES_ON
         return leads & ground.surface.carries[triangle] & ~ground.fields.bare(triangle, place)
+
+
+def _turned(level: FloatArray, beside: FloatArray, angle: FloatArray) -> FloatArray:
+    """(N, 3) `level` turned towards `beside` by angles (N,)."""
+    found: FloatArray = np.cos(angle)[:, None] * level
+    found += np.sin(angle)[:, None] * beside
+    return found
+
+
+def _along(one: FloatArray, two: FloatArray) -> FloatArray:
+    """(N,) cosines of the angles between axes (N, 3)."""
+    found: FloatArray = np.abs(np.einsum("nx,nx->n", one, two))
+    return found

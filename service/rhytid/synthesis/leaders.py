@@ -33,7 +33,7 @@ _PACE = 1.15
 _TAPER, _ENDS = 0.25, 0.4
 # Amplitude of the waves of depth along a line, and their lengths, millimetres: from, and by chance
 # how much longer.
-_UNEVEN, _WAVES = 0.2, ((1.0, 0.9), (2.4, 2.5), (7.0, 6.0))
+_UNEVEN, _WAVES = 0.16, ((1.0, 0.9), (2.4, 2.5), (7.0, 6.0))
 # Runs of true values in an array of them: of a few tens, searched as text they are found soonest.
 _RUNS = re.compile(b"\x01+")
 # Purposes of random numbers, the first of one for each wave.
