@@ -6,6 +6,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -57,18 +60,39 @@ def test_what_a_killed_writer_left_goes_with_the_place_where_it_was_prepared(
     assert [*tmp_path.iterdir()] == [file]
 
 
-@pytest.mark.parametrize("there", [False, True], ids=["gone", "of another user"])
-def test_a_file_is_prepared_beside_it_where_the_other_place_cannot_be_used(
-    there: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    place = tmp_path / "place"
-    if there:
-        place.mkdir()
-        monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != place)
-    with prepared_in(place, tmp_path), atomic_write(tmp_path / "map.exr") as aside:
+def test_a_file_is_prepared_beside_it_where_the_other_place_is_gone(tmp_path: Path) -> None:
+    with prepared_in(tmp_path / "gone", tmp_path), atomic_write(tmp_path / "map.exr") as aside:
         assert aside.parent.parent == tmp_path
         aside.write_text("all")
     assert (tmp_path / "map.exr").read_text() == "all"
+
+
+def test_a_place_goes_while_others_write_in_it(tmp_path: Path) -> None:
+    ended = threading.Event()
+    written = []
+
+    def write() -> None:
+        while not ended.is_set():
+            with suppress(OSError), atomic_write(tmp_path / "map.exr") as aside:
+                aside.write_text("all")
+                written.append(aside)
+
+    with shared_working_folder(tmp_path) as place, prepared_in(place, tmp_path):
+        (place / "snapshot").write_text("large")
+        writer = threading.Thread(target=write)
+        writer.start()
+        while not written:
+            time.sleep(0.001)
+    ended.set()
+    writer.join()
+    assert not (place / "snapshot").exists()
+    assert [one for one in tmp_path.iterdir() if one != tmp_path / "map.exr"] == []
+
+
+def test_a_shared_place_keeps_the_group_of_its_folder(tmp_path: Path) -> None:
+    tmp_path.chmod(0o2755)
+    with shared_working_folder(tmp_path) as place:
+        assert place.stat().st_mode & 0o7777 == 0o2755
 
 
 def test_a_file_is_there_when_its_block_ends_well(tmp_path: Path) -> None:

@@ -41,6 +41,8 @@ _HIDDEN = re.compile(re.escape(_UNFINISHED) + UNIQUE.pattern, re.ASCII)
 UNFINISHED = FolderKind("rhytid unfinished", marker=".rhytid-unfinished")
 # Folders in which `atomic_write` prepares the files of other folders: see `prepared_in`.
 _places: dict[Path, Path] = {}
+# How often a folder is emptied in which others write, and the seconds between two times.
+_TRIES, _PAUSE = 10, 0.02
 # Bytes that are copied at a time.
 _PIECE = 1 << 22
 # The mode of a file that others may read.
@@ -144,15 +146,17 @@ def working_folder(partial: Path, *, group: bool = False) -> Iterator[Path]:
 
     group: its group has the rights of its owner.
     """
-    with _working_folder(partial / uuid4().hex) as place:
+    place = partial / uuid4().hex
+    place.mkdir(mode=0o700)
+    with _removed_after(place):
         if group:
             restrict(place, group=True)
         yield place
 
 
 @contextmanager
-def _working_folder(place: Path) -> Iterator[Path]:
-    place.mkdir(mode=0o700)
+def _removed_after(place: Path) -> Iterator[Path]:
+    """Remove a folder, which was just made, when the block ends."""
     with removed_on_abort(place):
         try:
             yield place
@@ -163,10 +167,21 @@ def _working_folder(place: Path) -> Iterator[Path]:
 @contextmanager
 def _hidden_working_folder(folder: Path) -> Iterator[Path]:
     """A fresh folder in one that holds files of others, with a name and a marker by which `sweep`
-    knows it."""
-    with _working_folder(folder / f"{_UNFINISHED}{uuid4().hex}") as place:
-        _mark_unfinished(place)
+    knows it; in the folder that `prepared_in` says, if it can be made there."""
+    with _removed_after(_new_hidden_folder(folder)) as place:
         yield place
+
+
+def _new_hidden_folder(folder: Path) -> Path:
+    name = f"{_UNFINISHED}{uuid4().hex}"
+    if (other := _places.get(folder)) is not None:
+        with suppress(OSError):  # it is gone, or of another user
+            (other / name).mkdir(mode=0o700)
+            _mark_unfinished(other / name)
+            return other / name
+    (folder / name).mkdir(mode=0o700)
+    _mark_unfinished(folder / name)
+    return folder / name
 
 
 def _mark_unfinished(place: Path) -> None:
@@ -185,11 +200,26 @@ def shared_working_folder(folder: Path) -> Iterator[Path]:
     block ends.
 
     A process that is killed in the block leaves the folder: see `sweep`. Work that takes longer
-    than a day has to touch the folder now and then.
+    than a day has to touch the folder now and then. Others may write there until the end.
     """
     with _hidden_working_folder(folder) as place:
-        place.chmod(0o755)
-        yield place
+        place.chmod(0o755 | place.stat().st_mode & stat.S_ISGID)
+        try:
+            yield place
+        finally:
+            with suppress(FileNotFoundError):  # the process ends, and has removed it
+                _empty(place)
+
+
+def _empty(place: Path) -> None:
+    """Remove all but the marker from a folder in which others may still begin a file."""
+    for _ in range(_TRIES):
+        left = [one for one in place.iterdir() if one.name != UNFINISHED.marker]
+        if not left:
+            return
+        for one in left:
+            remove_tree(one)
+        time.sleep(_PAUSE)
 
 
 @contextmanager
@@ -198,19 +228,15 @@ def prepared_in(place: Path, folder: Path) -> Iterator[None]:
     as that is there and may be written to.
 
     place: on the same file system, such as a `shared_working_folder`. Who removes it removes what a
-    process that is killed leaves unfinished.
+    process that is killed leaves unfinished. Of two blocks at a time for one folder, the last one
+    that began counts.
     """
     _places[folder] = place
     try:
         yield
     finally:
-        _places.pop(folder, None)
-
-
-def _place_for(folder: Path) -> Path:
-    """Where files of a folder are prepared: there, or where `prepared_in` says."""
-    place = _places.get(folder)
-    return folder if place is None or not os.access(place, os.W_OK | os.X_OK) else place
+        if _places.get(folder) is place:
+            del _places[folder]
 
 
 @contextmanager
@@ -221,7 +247,7 @@ def atomic_write(file: Path, *, private: bool = False, group: bool = False) -> I
     `private`, for its group, too. A process that is killed in the block leaves a hidden folder
     beside `file`, or where `prepared_in` says: see `sweep`.
     """
-    with _hidden_working_folder(_place_for(file.parent)) as place:
+    with _hidden_working_folder(file.parent) as place:
         if group:
             restrict(place, group=True)
         aside = place / file.name
