@@ -100,11 +100,13 @@ def test_a_worker_that_is_killed_loses_no_frame(cluster: Cluster, tmp_path: Path
     half = left_by_a_killed_writer(out, "0" * 32, "long.1001.0009.exr")
     other = left_by_a_killed_writer(out, "1" * 32, "other.1001.0009.exr")
     killed: list[int] = []
+    hidden: set[Path] = set()
 
     def kill() -> None:
         by = time.monotonic() + 60
         while time.monotonic() < by and not killed:
-            time.sleep(0.01)
+            time.sleep(0.001)
+            hidden.update(out.glob(".unfinished-*"))
             if len(list(out.glob("*.exr"))) >= 5:
                 pid: Any = cluster.own and next(iter(cluster.own.workers.values())).pid
                 os.kill(pid, signal.SIGKILL)
@@ -123,6 +125,7 @@ def test_a_worker_that_is_killed_loses_no_frame(cluster: Cluster, tmp_path: Path
     assert len(maps(out)) == 40
     assert not half.exists()
     assert [*out.glob(".unfinished-*")] == [other], "what others may be writing stays"
+    assert len(hidden) == 3, "the one of the bake, in which workers prepare their files"
 
 
 ENDING = """

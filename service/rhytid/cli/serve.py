@@ -168,6 +168,8 @@ def _engine(settings: ServiceSettings, *, in_process: bool) -> Iterator[Engine]:
     else:
         from rhytid.processes.remote_engine import RemoteEngine
 
+        # No daemon: the interpreter must not end within it.
+        threading.Thread(target=_import_server, name="rhytid-imports").start()
         made = RemoteEngine(settings)
     with closing(made):
         yield made
@@ -175,7 +177,7 @@ def _engine(settings: ServiceSettings, *, in_process: bool) -> Iterator[Engine]:
 
 def _import_server() -> None:
     """Import the web framework while the engine starts, which waits for another process."""
-    with suppress(ImportError):  # `_serve` raises it
+    with suppress(Exception):  # `_serve` raises it
         import rhytid.api.app
         import rhytid.api.server.http_server  # noqa: F401
 
@@ -194,7 +196,6 @@ def _serve(
 
         send_spans()
     allow_files(settings.connections)
-    threading.Thread(target=_import_server, name="rhytid-imports", daemon=True).start()
     with engine_for as engine:
         from rhytid.api.server.http_server import server_of
 
