@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ from numpy.typing import NDArray
 
 from cli.running import write_neutral
 from meshes import SmallMesh
-from rhytid.cli import main
+from rhytid.cli import main, preview
 from rhytid.cli.preview import touched_squares
 from rhytid.cli.preview_spots import spot_at
 from rhytid.domain.mesh import Mesh
@@ -119,6 +121,36 @@ def test_the_picture_shows_the_place(tmp_path: Path, small_mesh: SmallMesh) -> N
         assert main(["graph", mesh, graph, "-q", *picture]) == 0
     pictures = {(tmp_path / f"{number}.png").read_bytes() for number in range(3)}
     assert len(pictures) == 3
+
+
+@pytest.mark.slow
+def test_whole_maps_are_drawn_coarsely_and_progress_moves(
+    tmp_path: Path, small_mesh: SmallMesh, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    resident, drawn = preview.resident, list[int]()
+    shares: list[list[float]] = []
+
+    def recorded(*given: Any) -> Any:
+        drawn.append(given[3].resolution)
+        shares.append([])
+        return resident(*given)
+
+    @contextmanager
+    def bar(_: str) -> Iterator[Callable[[float, str], None]]:
+        yield lambda share, _: shares[-1].append(share)
+
+    monkeypatch.setattr(preview, "resident", recorded)
+    monkeypatch.setattr(preview, "share_bar", bar)
+    monkeypatch.setattr(preview, "resolution_for", lambda *_: 4096)
+    mesh = str(write_neutral(tmp_path / "mesh.npz", small_mesh))
+    base = ["synthesize", mesh, "--out", str(tmp_path / "g.safetensors"), "--wrinkles", "300"]
+    picture = ["--preview", str(tmp_path / "p.png"), "--patch", "0.27", "0.5"]
+    assert main([*base, "-q", "--unit", "dm", *picture]) == 0
+    assert drawn == [2048, 4096]
+    wholes, patches = shares
+    assert max(wholes) < min(patches) == 0.5
+    assert patches == sorted(set(patches))
+    assert len(patches) > 1
 
 
 def test_a_patch_reads_no_texel_that_is_not_drawn() -> None:
