@@ -32,7 +32,11 @@ def test_serve_tells_its_address_and_ends_when_told(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
+    monkeypatch.delenv("OCL_ICD_VENDORS", raising=False)
     with process(*SERVE, folder=tmp_path) as running:
+        monkeypatch.undo()
         assert running.stdout is not None
         words = running.stdout.readline().split()
         url = words[words.index("on") + 1].rstrip(",")
@@ -49,6 +53,7 @@ def test_serve_tells_its_address_and_ends_when_told(
     assert running.returncode == status
     assert "Traceback" not in errors
     assert (tmp_path / "store").is_dir()
+    assert [one for one in (tmp_path / "tmp").iterdir() if one.name.startswith("rhytid")] == []
 
 
 @pytest.mark.slow

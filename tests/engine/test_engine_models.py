@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from rhytid.domain.asset_settings import PRESETS
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import METHODS, STRETCH_MODELS, MapQuery, NewAsset
+from rhytid.engine.tiles.service import displacement_scale
 from rhytid.errors import NotFoundError, SettingsError
 
 ROWS = [MapQuery(method, model) for method, model in product(METHODS, STRETCH_MODELS)]
@@ -210,6 +212,17 @@ def test_factored_maps_stay_within_the_scale_of_the_asset(engine, merge):
     found = engine.tiles.plan_map(asset, "crushed", BINNED, 1001, 0).draw()
     scale = engine.tiles.plan(asset, "neutral", BINNED, ADDRESS).header.scale
     assert 4.2 * DEPTH < np.abs(found).max() <= scale
+
+
+@pytest.mark.parametrize("part", ["rank", "patches", "events"])
+def test_the_scale_of_uneven_skin_is_twice_as_large(part):
+    none = {"rank": 0.0, "patches": 0.0, "events": 0.0}
+    even, uneven = (
+        displacement_scale(SimpleNamespace(settings=settings_of(graph={**none, part: amount})))
+        for amount in (0.0, 1.0)
+    )
+    assert uneven == pytest.approx(2.0 * even)
+    assert even > 3.5 * DEPTH
 
 
 def test_maps_of_a_mellow_merge_are_twice_the_memory(tmp_path):

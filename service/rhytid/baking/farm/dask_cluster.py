@@ -26,8 +26,8 @@ _START = f"dask worker ADDRESS --nthreads 1 --resources {RESOURCE}=1"
 # Dask gives a process up for good where no worker of its name is there so long after one has ended:
 # also where that was not the last one to end, or where a machine with much to do starts slowly.
 _KEPT = {"distributed.deploy.lost-worker-timeout": "1000 days"}
-# A process that Ctrl-C ends at once leaves semaphores of Dask to a process that removes them, which
-# would say so after all else.
+# Where Ctrl-C ends the client at once, `multiprocessing` removes semaphores of Dask, and would warn
+# of them after the last line of the command.
 _QUIET = "ignore:resource_tracker"
 # Dask serves health and metrics even so: at any port, where else all would want the same.
 _NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
@@ -106,10 +106,10 @@ def local_cluster(devices: Sequence[str | None], folder: Path, quiet: bool) -> I
 
 
 @contextmanager
-def _warnings_off(filter: str) -> Iterator[None]:
-    """Have processes that start in the block apply a filter of warnings, as PYTHONWARNINGS does."""
+def _warnings_off(these: str) -> Iterator[None]:
+    """Have processes that start in the block ignore warnings.  these: as PYTHONWARNINGS has them."""
     before = os.environ.get("PYTHONWARNINGS")
-    os.environ["PYTHONWARNINGS"] = filter if before is None else f"{before},{filter}"
+    os.environ["PYTHONWARNINGS"] = these if before is None else f"{before},{these}"
     try:
         yield
     finally:

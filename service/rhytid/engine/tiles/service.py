@@ -177,9 +177,12 @@ def displacement_scale(asset: Asset) -> float:
     """The displacement that the largest code of a png tile stands for, mesh units: one scale per
     asset.
 
-    The largest displacement that the maps of the fast method can hold, whatever its bins are.
+    The largest displacement that the maps of the fast method can hold, whatever its bins are; twice
+    that where lines have ranks, skin has patches or single features, which add up to more.
     """
-    return SCALE_LIMIT * (1.0 + HEADROOM) * (asset.settings.depth or 0.0)
+    grown = asset.settings.graph
+    uneven = grown.rank > 0 or grown.patches > 0 or grown.events > 0
+    return (2.0 if uneven else 1.0) * SCALE_LIMIT * (1.0 + HEADROOM) * (asset.settings.depth or 0.0)
 
 
 def _header(asset: Asset, frame: str, query: MapQuery, at: TileAddress) -> TileHeader:
