@@ -261,7 +261,8 @@ def test_a_map_whose_copy_fails_is_drawn(
 
     second_frame(engine, tmp_path)
 
-    assert engine.drawn[0] == ("0002", 1001)
+    # By the threads that write, in any order.
+    assert ("0002", 1001) in engine.drawn
 
 
 def test_a_map_whose_source_cannot_be_read_is_drawn(

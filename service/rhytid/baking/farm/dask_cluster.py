@@ -107,7 +107,7 @@ def local_cluster(devices: Sequence[str | None], folder: Path, quiet: bool) -> I
 
 @contextmanager
 def _warnings_off(these: str) -> Iterator[None]:
-    """Have processes that start in the block ignore warnings.  these: as PYTHONWARNINGS has them."""
+    """Have processes that start in the block ignore warnings.  these: as in PYTHONWARNINGS."""
     before = os.environ.get("PYTHONWARNINGS")
     os.environ["PYTHONWARNINGS"] = these if before is None else f"{before},{these}"
     try:
