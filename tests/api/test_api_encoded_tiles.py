@@ -81,6 +81,19 @@ def test_what_fails_is_made_again() -> None:
     assert budget.used == 1
 
 
+def test_nobody_waits_for_an_answer_that_cannot_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept, budget = tiles()
+
+    def fails(*_: object) -> None:
+        raise MemoryError
+
+    with monkeypatch.context() as given:
+        given.setattr(budget, "taken", fails)
+        with pytest.raises(MemoryError):
+            kept.get("a", made(b"a", []))
+    assert kept.get("a", made(b"a", [])).body == b"a"
+
+
 def test_what_was_used_longest_ago_leaves_first() -> None:
     kept, budget = tiles()
     calls: list[bytes] = []

@@ -42,11 +42,11 @@ class EncodedTiles:
             return others.result()
         try:
             found = make()
+            self._keep(tag, found)
         except BaseException as error:
             self._forget(tag)
             mine.set_exception(error)
             raise
-        self._keep(tag, found)
         self._forget(tag)
         mine.set_result(found)
         return found
