@@ -164,15 +164,19 @@ def _engine(settings: ServiceSettings, *, in_process: bool) -> Iterator[Engine]:
     if in_process or not possible():
         from rhytid.engine.engine import Engine as Here
 
-        made = Here(settings)
+        with closing(Here(settings)) as made:
+            yield made
     else:
         from rhytid.processes.remote_engine import RemoteEngine
 
         # No daemon: the interpreter must not end within it.
-        threading.Thread(target=_import_server, name="rhytid-imports").start()
+        importing = threading.Thread(target=_import_server, name="rhytid-imports")
+        importing.start()
         made = RemoteEngine(settings)
-    with closing(made):
-        yield made
+        with closing(made):
+            # A signal that ends an import of this thread may leave the other one waiting for good.
+            importing.join()
+            yield made
 
 
 def _import_server() -> None:

@@ -17,9 +17,6 @@ from dataclasses import dataclass, replace
 from multiprocessing import Pipe
 from typing import Any
 
-# Makes the folders that drivers need: those of all processes that come one after another, for they
-# are killed and remove nothing.
-import rhytid.device.driver  # noqa: F401
 from rhytid.device.watch import SIZE, Purpose, Report
 from rhytid.processes.lines import Line, Lines
 from rhytid.processes.packing import mapped, shared_file
