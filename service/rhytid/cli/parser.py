@@ -84,9 +84,8 @@ class Parser(argparse.ArgumentParser):
             super()._check_value(action, value)
         except argparse.ArgumentError as error:
             choices = [str(choice) for choice in action.choices or ()]
-            near = difflib.get_close_matches(str(value), choices, n=1)
-            if near:
-                self.refuse(str(error), f"; did you mean {near[0]}?")
+            if meant := suggestion(str(value), choices):
+                self.refuse(str(error), meant)
             raise
 
     def _options_of(self, words: Sequence[str]) -> Iterator[str]:
@@ -114,6 +113,12 @@ class Parser(argparse.ArgumentParser):
         if not 0 < len(near) <= _MOST_NAMED:
             near = difflib.get_close_matches(name, known, n=1)
         return [f"--{option}" for option in near]
+
+
+def suggestion(word: str, known: Sequence[str]) -> str:
+    """`; did you mean NAME?`, with the known name that is spelt alike; empty without one."""
+    near = difflib.get_close_matches(word, known, n=1)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 def is_for_job(words: Sequence[str]) -> bool:

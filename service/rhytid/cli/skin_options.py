@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rhytid.baking.request import SkinRequest
 from rhytid.cli.options import add_several, existing, readable
+from rhytid.cli.parser import suggestion
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import LINES
 from rhytid.domain.lengths import SKIN
@@ -197,7 +197,6 @@ def _named(names: Sequence[str], prefix: str = "") -> Any:
 
 def _one_of(names: Sequence[str], name: str) -> str:
     if name not in names:
-        near = difflib.get_close_matches(name, names, n=1)
-        hint = f"; did you mean {near[0]}?" if near else ""
-        raise argparse.ArgumentTypeError(f"{name!r}: one of {', '.join(names)}{hint}")
+        known = ", ".join(names)
+        raise argparse.ArgumentTypeError(f"{name!r}: one of {known}{suggestion(name, names)}")
     return name
