@@ -38,7 +38,7 @@ class NoRegistry:
         return after + 1
 
 
-@pytest.fixture(params=["folder", "bucket"])
+@pytest.fixture(params=["folder", pytest.param("bucket", marks=pytest.mark.slow)])
 def place(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     if request.param == "bucket":
         found: str = request.getfixturevalue("bucket")
