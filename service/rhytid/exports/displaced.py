@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.mesh import Mesh, add_centre
 from rhytid.domain.tiles import udim_origin
-from rhytid.errors import LimitError
+from rhytid.errors import InputError, LimitError
 from rhytid.exports.meshes import FlatMesh, flat_mesh, welded
 
 FloatArray = NDArray[np.float64]
@@ -21,6 +21,9 @@ MOST_TRIANGLES = 20_000_000
 # How far towards the middle of its triangle a corner is moved before its UDIM is looked up: it may
 # lie on the border of two.
 _INWARDS = 1e-6
+# Share of the edges that a target is for: single long ones, as at the back of a head, may stay.
+# What is longer by no more than rounding is not cut once more.
+_EDGES, _ROUNDED = 0.95, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +68,7 @@ class Subdivided:
     ) -> FlatMesh:
         """A frame with its displacement.
 
-        positions (V, 3): of the mesh, less its centre.  maps: by UDIM, (R, R) heights in mesh
+        positions (V, 3): of the mesh, less its centre.  maps: by UDIM, (H, W) heights in mesh
         units, row 0 at the top; vertices of UDIMs without one stay.
 
         Each vertex moves along the normal of the frame by the height that its map has there,
@@ -87,19 +90,30 @@ class Subdivided:
         return FlatMesh(out, self.faces, self.uv, np.zeros(0, np.int64))
 
 
+def levels_for(mesh: Mesh, edge: float) -> int:
+    """How many times triangles must be cut so that all edges but the longest twentieth are no
+    longer than `edge`, mesh units; raises InputError where that is no length."""
+    if not (np.isfinite(edge) and edge > 0.0):
+        raise InputError(f"an edge of {edge:g}: must be a length above 0")
+    corners = mesh.positions[mesh.faces].astype(np.float64)
+    lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    halvings = np.log2(np.quantile(lengths, _EDGES) / edge)
+    return max(int(np.ceil(halvings - _ROUNDED)), 0) if np.isfinite(halvings) else 0
+
+
 def sampled(heights: NDArray[np.floating], uv: FloatArray) -> FloatArray:
-    """(N,) values of a map (R, R), row 0 at the top, at places (N, 2) in its unit square.
+    """(N,) values of a map (H, W), row 0 at the top, at places (N, 2) in its unit square.
 
     Linear between the middles of texels; beyond the outermost middles their values go on.
     """
-    size = len(heights)
+    size = np.array(heights.shape)
     place = np.stack([1.0 - uv[:, 1], uv[:, 0]], axis=1) * size - 0.5
     place = np.clip(place, 0.0, size - 1.0)
-    low = np.minimum(place.astype(np.int64), max(size - 2, 0))
+    low = np.minimum(place.astype(np.int64), np.maximum(size - 2, 0))
     (r, c), (y, x) = low.T, (place - low).T
-    after = min(1, size - 1)
-    top = heights[r, c] * (1 - x) + heights[r, c + after] * x
-    bottom = heights[r + after, c] * (1 - x) + heights[r + after, c + after] * x
+    down, right = np.minimum(1, size - 1).tolist()
+    top = heights[r, c] * (1 - x) + heights[r, c + right] * x
+    bottom = heights[r + down, c] * (1 - x) + heights[r + down, c + right] * x
     found: FloatArray = top * (1 - y) + bottom * y
     return found
 
