@@ -15,7 +15,13 @@ from rhytid.cli.options import (
     prim_clip,
 )
 from rhytid.cli.parser import Commands, new_command
-from rhytid.cli.scan_options import SCAN_FILES, add_scan_settings, read_scan_files, scan_file
+from rhytid.cli.scan_options import (
+    SCAN_FILES,
+    add_scan_settings,
+    read_scan_files,
+    scan_file,
+    scan_settings,
+)
 from rhytid.errors import InputError
 from rhytid.support.console import make_place, report, working
 
@@ -58,6 +64,7 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.baking.map_sources import Geometry
     from rhytid.baking.run_warnings import RunWarnings
     from rhytid.exports.displaced import levels_for
+    from rhytid.meshes.scan_check import ScanCheck
 
     out: Path = arguments.out
     format = out.suffix.lower().removeprefix(".")
@@ -70,6 +77,9 @@ def run(arguments: argparse.Namespace) -> None:
         warnings.notes(read.notes)
         geometry = Geometry(mesh, format, levels)
         scan = read_scan_files(arguments, arguments.maps, mesh, unit)
+        with working("measuring the scan"):
+            check = ScanCheck(scan, mesh, unit, scan_settings(arguments))
+            warnings.add(check.warnings())
         warnings.refuse()
         make_place(out)
         with working(f"writing {out.name}"):

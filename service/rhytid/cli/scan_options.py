@@ -51,6 +51,19 @@ def add_scan_settings(parser: Arguments) -> None:
     add("--partial", action="store_true", help=partial)
 
 
+def refuse_without_scan(arguments: argparse.Namespace) -> None:
+    """End with a usage error where an option says how to read a scan, and none is given."""
+    given = {
+        "--scale": arguments.scale,
+        "--midlevel": arguments.midlevel,
+        "--scan-unit": arguments.scan_unit,
+        "--partial": arguments.partial or None,
+    }
+    for option, value in given.items():
+        if value is not None and not arguments.scan:
+            arguments.usage_error(f"{option} says how to read displacement: give --scan, too")
+
+
 def scan_settings(arguments: argparse.Namespace) -> ScanSettings:
     """What the options say; raises SettingsError."""
     scale = None if arguments.scale is None else tuple(arguments.scale)
