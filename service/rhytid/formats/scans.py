@@ -213,10 +213,8 @@ def _names_of(header: ScanHeader) -> tuple[str, ...]:
 
 
 def _vectors(what: str) -> InputError:
-    rule = "only heights along the normal are read; bake it as displacement along the normal"
-    return InputError(
-        f"{what}: vector displacement, which moves a point in three directions: {rule}"
-    )
+    rule = "only heights along the normal are read: bake it as displacement along the normal"
+    return InputError(f"{what}: vector displacement, of three directions; {rule}")
 
 
 def _check_finite(values: Codes, name: str) -> None:
@@ -234,9 +232,7 @@ def _check_bands(header: ScanHeader, channels: Sequence[Codes], name: str) -> No
     """Refuse normals, colours and vectors: three channels that are no bands of a relief."""
     squares = np.stack([_squares(channel) for channel in channels])
     if header.dtype[0] == "u" and _are_normals(squares):
-        raise InputError(
-            f"{name} is a normal map: displacement is needed, heights along the normal"
-        )
+        raise InputError(f"{name} is a normal map: must be displacement, heights along the normal")
     highest = _most_alike(squares)
     if highest >= BAND_CORRELATION:
         raise InputError(
