@@ -50,6 +50,8 @@ def add_command(commands: Commands) -> None:
     )
     edge = "cut until edges are no longer than this, mesh units; a twentieth of them may be"
     fine.add_argument("--edge", type=float, metavar="LENGTH", help=edge)
+    curved = "curve the surface between the vertices of MESH, so that its facets do not show"
+    add("--curved", action="store_true", help=curved)
     add_prim(parser)
     out = "the file to write: .glb or .ply"
     add("--out", type=Path, required=True, metavar="FILE", help=out)
@@ -83,7 +85,8 @@ def run(arguments: argparse.Namespace) -> None:
         warnings.refuse()
         make_place(out)
         with working(f"writing {out.name}"):
-            geometry.write(out, mesh.positions, {udim: scan.relief(udim) for udim in scan.maps})
+            maps = {udim: scan.relief(udim) for udim in scan.maps}
+            geometry.write(out, mesh.positions, maps, curved=arguments.curved)
         figures = {
             "file": str(out),
             "triangles": len(mesh.faces) * 4**levels,

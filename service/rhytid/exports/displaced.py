@@ -64,7 +64,11 @@ class Subdivided:
         return cls(mesh, flat, tuple(edges), faces, uv, _udims(uv, faces), welded)
 
     def moved(
-        self, positions: NDArray[np.float32], maps: Mapping[int, NDArray[np.floating]]
+        self,
+        positions: NDArray[np.float32],
+        maps: Mapping[int, NDArray[np.floating]],
+        *,
+        curved: bool = False,
     ) -> FlatMesh:
         """A frame with its displacement.
 
@@ -73,21 +77,29 @@ class Subdivided:
 
         Each vertex moves along the normal of the frame by the height that its map has there,
         interpolated between the nearest four texels. Vertices that a seam splits move by the mean
-        of both sides, so that no gap opens.
+        of both sides, so that no gap opens.  curved: new vertices lie on a surface that is curved
+        by the normals, not in the triangles, so that no facets show.
         """
-        source = self.flat.source
-        normals = _spread(_normals(positions, self.mesh)[source], self.edges)
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        there, normals = self._undisplaced(positions, curved)
         heights = np.zeros(len(self.uv))
         for udim, heights_of in maps.items():
             some = np.flatnonzero(self.udim == udim)
             heights[some] = sampled(heights_of, self.uv[some] - udim_origin(udim))
         many = np.bincount(self.welded)
         heights = (np.bincount(self.welded, heights) / many)[self.welded]
-        there = _spread(positions.astype(np.float64)[source], self.edges)
         out = add_centre(there + heights[:, None] * normals, self.mesh.centre)
         out = out if self.mesh.centre.any() else out.astype(np.float32)
         return FlatMesh(out, self.faces, self.uv, np.zeros(0, np.int64))
+
+    def _undisplaced(
+        self, positions: NDArray[np.float32], curved: bool
+    ) -> tuple[FloatArray, FloatArray]:
+        """(W', 3) all vertices of a frame without displacement, and (W', 3) unit normals there."""
+        there = positions.astype(np.float64)[self.flat.source]
+        normals = _normals(positions, self.mesh)[self.flat.source]
+        if curved:
+            return _curved(there, normals, self.edges)
+        return _spread(there, self.edges), _unit(_spread(normals, self.edges))
 
 
 def levels_for(mesh: Mesh, edge: float) -> int:
@@ -135,6 +147,31 @@ def _spread(values: FloatArray, edges: tuple[IntArray, ...] | list[IntArray]) ->
     for ends in edges:
         values = np.concatenate([values, 0.5 * (values[ends[:, 0]] + values[ends[:, 1]])])
     return values
+
+
+def _curved(
+    places: FloatArray, normals: FloatArray, edges: tuple[IntArray, ...]
+) -> tuple[FloatArray, FloatArray]:
+    """Places and normals of vertices, and of new ones on cubic curves between the ends of edges.
+
+    A curve leaves each end at right angles to its normal, as edges of PN triangles do (Vlachos et
+    al. 2001): its middle is off that of the edge by an eighth of how far each end sees the other
+    above or below its tangent plane.
+    """
+    normals = _unit(normals)
+    for ends in edges:
+        (a, b), (m, n) = np.moveaxis(places[ends], 1, 0), np.moveaxis(normals[ends], 1, 0)
+        above = np.sum((b - a) * m, axis=1, keepdims=True) * m
+        below = np.sum((b - a) * n, axis=1, keepdims=True) * n
+        places = np.concatenate([places, 0.5 * (a + b) + 0.125 * (below - above)])
+        normals = np.concatenate([normals, _unit(m + n)])
+    return places, normals
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    size = np.linalg.norm(vectors, axis=1, keepdims=True)
+    found: FloatArray = vectors / np.maximum(size, 1e-300)
+    return found
 
 
 def _welded(mesh: Mesh, flat: FlatMesh, edges: list[IntArray]) -> IntArray:

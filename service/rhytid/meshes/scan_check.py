@@ -248,7 +248,7 @@ class ScanCheck:
         """Where the whole surface is moved, or the value outside of the charts is another."""
         if one.flat and one.middle == 0.0:
             return
-        off = not one.low <= 0.0 <= one.high
+        off = not one.low - 1.5 * one.step <= 0.0 <= one.high + 1.5 * one.step
         scale = self.scan.scales[0]
         stands = one.midlevel + one.middle / scale
         moved = f"the whole surface moves by {self._named(one.middle)}"
@@ -373,13 +373,16 @@ def _blocks_along(channel: NDArray[Any]) -> float:
 def best_turn(channel: Codes, covered: Mask) -> str:
     """How a map must be turned for what varies in it to lie in the charts, by name in TURNS.
 
-    `as it is` where no turn is better by FLIP_MARGIN, or the map varies alike everywhere. Where the
-    charts are their own mirror image, the first that fits is named.
+    covered: as `charts` has it. `as it is` where no turn is better by FLIP_MARGIN, or the map
+    varies alike everywhere. Where the charts are their own mirror image, the first that fits is
+    named.
     """
     amount = _amount(channel)
-    if amount.std() == 0.0 or covered.all() or not covered.any():
+    middles = ((np.arange(len(amount)) + 0.5) * SIDE / len(amount)).astype(np.int64)
+    inside = covered[middles[:, None], middles]
+    if amount.std() == 0.0 or inside.all() or not inside.any():
         return _AS_IT_IS
-    fits = {name: _match(_turned(amount, *turn), covered) for name, turn in TURNS.items()}
+    fits = {name: _match(_turned(amount, *turn), inside) for name, turn in TURNS.items()}
     best = max(fits.values())
     if best < FLIP_MATCH or best - fits[_AS_IT_IS] < FLIP_MARGIN:
         return _AS_IT_IS
@@ -396,16 +399,13 @@ def _match(amount: FloatArray, covered: Mask) -> float:
 
 
 def _amount(channel: Codes) -> FloatArray:
-    """(SIDE, SIDE) how much a map varies within a cell, as a logarithm."""
-    places = [
-        (np.floor((np.arange(SIDE)[:, None] + np.arange(_TEXELS) / _TEXELS) * n / SIDE))
-        .astype(np.int64)
-        .reshape(-1)
-        for n in channel.shape
-    ]
-    low, high = np.full((SIDE, SIDE), np.inf), np.full((SIDE, SIDE), -np.inf)
-    columns = places[1].reshape(SIDE, _TEXELS)
-    for rows in places[0].reshape(SIDE, _TEXELS).T:
+    """(S, S) how much a map varies within a cell, as a logarithm; cells of _TEXELS texels a side or
+    more, SIDE of them at most."""
+    side = max(min(SIDE, min(channel.shape) // _TEXELS), 2)
+    within = np.arange(side)[:, None] + np.arange(_TEXELS) / _TEXELS
+    every, columns = ((within * n / side).astype(np.int64) for n in channel.shape)
+    low, high = np.full((side, side), np.inf), np.full((side, side), -np.inf)
+    for rows in every.T:
         part = channel[rows[:, None, None], columns[None]].astype(np.float64)
         low, high = np.minimum(low, part.min(axis=2)), np.maximum(high, part.max(axis=2))
     found = high - low
