@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.lengths import MILLIMETRES, millimetres
+from rhytid.domain.resampling import resampled
 from rhytid.errors import SettingsError
 
 Codes = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float16] | NDArray[np.float32]
@@ -156,13 +157,17 @@ class Scan:
     scales: tuple[float, ...]
     midlevels: Mapping[int, tuple[float, ...]]
 
-    def relief(self, udim: int) -> Relief:
-        """(H, W) heights of a UDIM along the normal, mesh units, at the resolution of its file."""
+    def relief(self, udim: int, resolution: int | None = None) -> Relief:
+        """(H, W) heights of a UDIM along the normal, mesh units.
+
+        resolution: texels per side, which `resampled` makes of those of the file; None for as many
+        as the file has.
+        """
         bands = self.bands(udim)
         found = next(bands)
         for band in bands:
             found += band
-        return found
+        return found if resolution is None else resampled(found, resolution, resolution)
 
     def bands(self, udim: int) -> Iterator[Relief]:
         """The heights (H, W) of each channel, mesh units; their sum is the relief."""
