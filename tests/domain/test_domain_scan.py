@@ -58,7 +58,7 @@ def test_a_relief_comes_at_any_resolution() -> None:
 )
 def test_scales_are_in_mesh_units(given: dict[str, Any], unit: str, wanted: float | None) -> None:
     if wanted is None:
-        with pytest.raises(SettingsError, match="scan.unit is 'head': one of um"):
+        with pytest.raises(SettingsError, match=r"scan\.unit is 'head': one of um"):
             ScanSettings(**given)
     else:
         assert ScanSettings(**given).scales(1, True, unit, "d") == pytest.approx((wanted,))

@@ -85,8 +85,9 @@ SCALED_MEDIAN, SCALED_SPREADS = 0.05, 3.0
 # frame-scaled: how near the factor must be to that of two units for these to be named.
 UNIT_TOLERANCE = 0.05
 # scan-depth: between what 95 % of a relief lie, mm: from fine pores of smooth skin to folds of a
-# neck that the mesh does not have. And the gradient that a twentieth of it exceeds: a wall.
-SHALLOWEST, DEEPEST, STEEPEST = 0.01, 5.0, 2.0
+# neck that the mesh does not have. And the gradient that a twentieth of it exceeds: 0.06 to 0.2 of
+# a cheek at 0.1 mm a texel; ten times that is a scale in cm for one in mm.
+SHALLOWEST, DEEPEST, STEEPEST = 0.01, 5.0, 1.0
 # scan-bits: different values of a map. 16 bits of which a relief uses so few are no better.
 FEW_LEVELS = 256
 # scan-blocks: mean difference across borders of 8 x 8 texels over the median of those within. Maps
@@ -259,7 +260,7 @@ WARNINGS: dict[str, Meaning] = {
         "a map of scanned displacement",
         (
             "95 % of it on the surface is not 0.01 to 5 mm deep, or a twentieth of it is steeper "
-            "than 2 to 1"
+            "than 1 to 1"
         ),
         (
             "set the scale, or its unit (`--scale`, `--scan-unit`), to what the program that made "
