@@ -284,14 +284,14 @@ def test_maps_together_have_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_decoder_has_room_for_the_image_and_little_more(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    code = scans._START.replace(
-        "main()",
-        "import rhytid.formats.scan_decoder as d; d._pillow = lambda p, h: bytearray(2 << 30); "
-        "main()",
-    )
-    monkeypatch.setattr(scans, "_START", code)
+    greedy = "d._pillow = lambda p, h: (bytearray(2 << 30), read(p, h))[1]"
+    code = f"import rhytid.formats.scan_decoder as d; read = d._pillow; {greedy}; main()"
+    monkeypatch.setattr(scans, "_START", scans._START.replace("main()", code))
     with pytest.raises(InputError, match="a damaged PNG image"):
         read(saved(BYTES, "PNG"))
+    monkeypatch.setattr(scans, "_START", scans._START.replace("2 << 30", "200 << 20"))
+    (found,) = read(saved(BYTES, "PNG"))
+    np.testing.assert_array_equal(found, BYTES, strict=True)
 
 
 def test_a_decoder_that_does_not_end_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -216,7 +216,13 @@ def test_seams_are_edges_with_two_places_in_uv() -> None:
     uv, space = seams.places
     assert uv.shape == (10, 4, 2, 2)
     assert space[..., 0] == pytest.approx(0.0, abs=1e-6)
-    flipped = replace(MESH, faces=MESH.faces[:, [1, 2, 0]], face_uv=MESH.face_uv[:, [1, 2, 0]])
+    at = {tuple(MESH.uv[t]): MESH.positions[v] for v, t in zip(
+        MESH.faces.reshape(-1), MESH.face_uv.reshape(-1), strict=True)}  # fmt: skip
+    for side in (0, 1):
+        for end in (0, 1):
+            places = np.stack([at[tuple(one)] for one in seams.uv[:, side, end]])
+            assert np.array_equal(places, seams.ends[:, end])
+    flipped = replace(MESH, faces=MESH.faces[:, ::-1], face_uv=MESH.face_uv[:, ::-1])
     other = Seams.of(flipped)
     assert np.array_equal(other.uv, seams.uv)
     assert np.array_equal(other.ends, seams.ends)
