@@ -215,7 +215,8 @@ def test_a_scan_is_measured_on_its_mesh(
 
 
 @pytest.mark.parametrize(
-    "option", [["--scale", "1"], ["--midlevel", "0"], ["--scan-unit", "mm"], ["--partial"]]
+    "option",
+    [["--scale", "1"], ["--midlevel", "0"], ["--scan-unit", "mm"], ["--flip", "v"], ["--partial"]],
 )
 def test_how_a_scan_is_read_needs_a_scan(
     head: Path, capsys: pytest.CaptureFixture[str], option: list[str]

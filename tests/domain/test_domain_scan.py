@@ -40,6 +40,13 @@ def test_heights_are_within_half_a_step_of_16_bits_of_what_they_stand_for() -> N
     assert np.abs(found - 3.0 * (codes / 65535 - 0.25)).max() < 0.01 * 3.0 / 65535
 
 
+def test_a_map_is_turned_over() -> None:
+    map = ScanMap(1001, "d", (BAND,))
+    for flip, wanted in (("v", BAND[::-1]), ("u", BAND[:, ::-1]), ("uv", BAND[::-1, ::-1])):
+        assert np.array_equal(map.flipped(flip).channels[0], wanted)
+    assert np.array_equal(map.flipped(None).channels[0], BAND)
+
+
 def test_a_relief_comes_at_any_resolution() -> None:
     one = scan(BAND, scales=(1.0,), midlevel=0.0)
     assert one.relief(1001, 1) == pytest.approx(BAND.mean() / 65535)
@@ -71,6 +78,7 @@ def test_scales_are_in_mesh_units(given: dict[str, Any], unit: str, wanted: floa
         ({"scale": (0.0, 0.0, 0.0)}, "scan.scale is 0: that is no relief"),
         ({"scale": (1.0, 2.0)}, "scan.scale has 2 numbers: one, or one for each of 3 bands"),
         ({"scale": (1.0, float("inf"), 1.0)}, "scan.scale is 1, inf, 1: must be finite"),
+        ({"flip": "w"}, "scan.flip is 'w': one of v, u, uv"),
         ({"midlevel": "grey"}, "scan.midlevel is 'grey': a number, or 'auto'"),
         ({"midlevel": float("nan")}, "scan.midlevel is nan: must be finite"),
     ],

@@ -143,7 +143,7 @@ WRONG: dict[str, tuple[Callable[[], ScanCheck], str, str]] = {
     "upside down": (
         lambda: checked(coded(TALL_RELIEF[::-1]), mesh=TALL),
         "scan-mirrored",
-        "fits the charts of the mesh better turned, top to bottom",
+        "fits the charts of the mesh better turned, top to bottom: .* --flip v turns it over",
     ),
     "another's seams": (
         lambda: checked(coded(0.05 * NOISE)),
@@ -185,6 +185,12 @@ def test_how_a_map_was_turned_is_found(turn: str) -> None:
     map = coded(TALL_RELIEF)
     wrong = np.rot90(map[:, ::-1] if mirrored else map, -quarters)
     assert best_turn(wrong, covered) == turn
+
+
+def test_a_map_that_is_turned_back_is_right() -> None:
+    wrong, right = coded(TALL_RELIEF[::-1]), checked(coded(TALL_RELIEF), mesh=TALL)
+    back = checked(wrong, replace(FULL, flip="v"), mesh=TALL)
+    assert back.figures() == right.figures()
 
 
 def test_what_is_alike_everywhere_tells_nothing_of_turns() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rhytid.cli.options import Arguments, existing, unit_name
-from rhytid.domain.scan import AUTO, ScanSettings
+from rhytid.domain.scan import AUTO, FLIPS, ScanSettings
 
 if TYPE_CHECKING:
     from rhytid.domain.mesh import Mesh
@@ -33,7 +33,7 @@ def midlevel(text: str) -> float | str:
 
 
 def add_scan_settings(parser: Arguments) -> None:
-    """Add `--scale`, `--midlevel`, `--scan-unit` and `--partial`."""
+    """Add `--scale`, `--midlevel`, `--scan-unit`, `--flip` and `--partial`."""
     add = parser.add_argument
     scale = (
         "length from black to white, or of 1 in files of floats; three for a map of three bands; "
@@ -47,6 +47,8 @@ def add_scan_settings(parser: Arguments) -> None:
     add("--midlevel", type=midlevel, metavar="M", help=level)
     unit = "length unit of --scale, as mm (default: that of the mesh)"
     add("--scan-unit", type=unit_name, metavar="U", help=unit)
+    flip = "turn the map over: v top to bottom, u left to right, uv both"
+    add("--flip", choices=FLIPS, help=flip)
     partial = "let UDIMs of the mesh have no map: the surface stays there"
     add("--partial", action="store_true", help=partial)
 
@@ -57,6 +59,7 @@ def refuse_without_scan(arguments: argparse.Namespace) -> None:
         "--scale": arguments.scale,
         "--midlevel": arguments.midlevel,
         "--scan-unit": arguments.scan_unit,
+        "--flip": arguments.flip,
         "--partial": arguments.partial or None,
     }
     for option, value in given.items():
@@ -67,7 +70,7 @@ def refuse_without_scan(arguments: argparse.Namespace) -> None:
 def scan_settings(arguments: argparse.Namespace) -> ScanSettings:
     """What the options say; raises SettingsError."""
     scale = None if arguments.scale is None else tuple(arguments.scale)
-    return ScanSettings(scale, arguments.midlevel, arguments.scan_unit)
+    return ScanSettings(scale, arguments.midlevel, arguments.scan_unit, arguments.flip)
 
 
 def read_scan_files(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,8 @@ BANDS = 3
 AUTO = "auto"
 # Of codes and of floats, where nothing else is said.
 MID_GREY, ZERO = 0.5, 0.0
+# How a map may be turned over: top to bottom, left to right, or both, which is half a turn.
+FLIPS = ("v", "u", "uv")
 # Values that become heights at once.
 _AT_ONCE = 1 << 22
 
@@ -40,6 +42,7 @@ class ScanSettings:
     midlevel: the value of a surface without relief; `"auto"` for the one that is most frequent
     outside of the charts; None is 0.5 for codes and 0 for floats.
     unit: of `scale`; None for that of the mesh.
+    flip: one of FLIPS, for a map whose v, or u, runs against that of the mesh.
 
     Raises SettingsError naming the setting that cannot be used.
     """
@@ -47,6 +50,7 @@ class ScanSettings:
     scale: tuple[float, ...] | None = None
     midlevel: float | str | None = None
     unit: str | None = None
+    flip: str | None = None
 
     def __post_init__(self) -> None:
         if self.scale is not None:
@@ -58,6 +62,9 @@ class ScanSettings:
         if self.unit is not None and millimetres(self.unit) is None:
             known = ", ".join(MILLIMETRES)
             raise SettingsError(f"scan.unit is {self.unit!r}: one of {known}, or so many, as 5.5cm")
+
+        if self.flip not in (None, *FLIPS):
+            raise SettingsError(f"scan.flip is {self.flip!r}: one of {', '.join(FLIPS)}")
 
     def scales(self, channels: int, coded: bool, unit: str, name: str) -> tuple[float, ...]:
         """The scale of each channel in mesh units.
@@ -139,6 +146,11 @@ class ScanMap:
         return {"u1": "8 bits", "u2": "16 bits", "f2": "half", "f4": "float"}[
             self.channels[0].dtype.str[1:]
         ]
+
+    def flipped(self, flip: str | None) -> ScanMap:
+        """The map turned over, without a copy.  flip: one of FLIPS, None to leave it."""
+        over = tuple(slice(None, None, -1 if axis in (flip or "") else 1) for axis in "vu")
+        return replace(self, channels=tuple(channel[over] for channel in self.channels))
 
     def usual_midlevel(self) -> float:
         """The value without relief where nothing is said."""

@@ -303,8 +303,8 @@ WARNINGS: dict[str, Meaning] = {
             "quarter turns, better than as it is: the correlation is higher by more than 0.12"
         ),
         (
-            "turn the map, or flip v (u) of the mesh; some glTF files have v upward, which is down "
-            "for readers"
+            "turn the map over (`--flip`), or the UV of the mesh; some glTF files have v upward, "
+            "which is down for readers"
         ),
     ),
     SCAN_SEAMS: Meaning(

@@ -61,6 +61,7 @@ TURNS = {
     "three quarter turns and left to right": (3, True),
 }
 _AS_IT_IS = "as it is"
+_FLIPS = {"top to bottom": "v", "left to right": "u", "half a turn": "uv"}
 
 
 @dataclass(frozen=True)
@@ -194,9 +195,11 @@ class ScanCheck:
             yield from self._of_values(one, where)
         yield from self._of_midlevel(one, where)
         if one.turn != _AS_IT_IS:
+            flip = _FLIPS.get(one.turn)
+            back = "turn the map" if flip is None else f"--flip {flip} turns it over"
             detail = (
                 f"what lies in the map fits the charts of the mesh better turned, {one.turn}: "
-                "relief lies in the wrong places; turn the map, or the UV of the mesh"
+                f"relief lies in the wrong places; {back}, if it is not the UV of the mesh"
             )
             yield InputWarning(SCAN_MIRRORED, detail, where)
 
@@ -326,11 +329,15 @@ def _levels(channel: Codes) -> tuple[int | None, float, int | None]:
     """
     size = full_range(channel)
     if channel.dtype.kind == "u":
-        used = np.flatnonzero(np.bincount(channel.reshape(-1), minlength=size + 1))
+        counts = np.zeros(size + 1, np.int64)
+        for start in range(0, len(channel), _LINES):  # as it takes 8 bytes a texel
+            part = channel[start : start + _LINES].reshape(-1)
+            counts += np.bincount(part, minlength=size + 1)
+        used = np.flatnonzero(counts)
         gap = int(np.gcd.reduce(np.diff(used))) if len(used) > 1 else 1
         return len(used), gap / size, (size // gap).bit_length()
-    flat = channel.reshape(-1)
-    some = flat[:: max(flat.size // _VALUES, 1)]
+    every = max(int(np.sqrt(channel.size / _VALUES)), 1)
+    some = channel[::every, ::every].reshape(-1)
     values = np.unique(some).astype(np.float64)
     if len(values) * _REPEATED > len(some):
         return None, float(np.spacing(np.abs(some).max())), None

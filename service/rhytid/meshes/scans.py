@@ -34,7 +34,9 @@ def scan_of(maps: Mapping[int, ScanMap], settings: ScanSettings, mesh: Mesh, uni
     """
     first = next(iter(maps.values()))
     scales = settings.scales(len(first.channels), first.coded, unit, first.name)
-    return Scan(maps, scales, {udim: _midlevels(one, settings, mesh) for udim, one in maps.items()})
+    turned = {udim: one.flipped(settings.flip) for udim, one in maps.items()}
+    levels = {udim: _midlevels(one, settings, mesh) for udim, one in turned.items()}
+    return Scan(turned, scales, levels)
 
 
 def _midlevels(map: ScanMap, settings: ScanSettings, mesh: Mesh) -> tuple[float, ...]:
