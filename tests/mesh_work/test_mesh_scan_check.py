@@ -101,9 +101,14 @@ WRONG: dict[str, tuple[Callable[[], ScanCheck], str, str]] = {
         "95 % of it is 0.00011 mm deep; .* is the scale in mm, not in um",
     ),
     "walls": (
-        lambda: checked(coded(RELIEF), ScanSettings((40.0,))),
+        lambda: checked(coded(RELIEF), ScanSettings((40.0,), unit="mm")),
         "scan-depth",
-        "a twentieth of it is steeper than",
+        "a twentieth of it is steeper than .* is the scale, in mm, right",
+    ),
+    "cm for mm, not too deep": (
+        lambda: checked(coded(0.8 * RELIEF), ScanSettings((1.0,))),
+        "scan-depth",
+        r"95 % of it is 0\.8\d* mm deep, and a twentieth of it is steeper .* in mm, not in cm",
     ),
     "8 bits": (
         lambda: checked(coded(RELIEF, np.uint8)),

@@ -213,18 +213,25 @@ class ScanCheck:
         if steep:
             deep += f", and a twentieth of it is steeper than {one.steepness:.2g} to 1"
         rule = f"relief of skin is {SHALLOWEST:g} to {DEEPEST:g} mm deep"
-        detail = f"{deep}; {rule}: {self._other_scale(depth)}"
+        detail = f"{deep}; {rule}: {self._other_scale(depth, one.steepness)}"
         yield InputWarning(SCAN_DEPTH, detail, where)
 
-    def _other_scale(self, depth: float | None) -> str:
+    def _other_scale(self, depth: float | None, steepness: float) -> str:
         """A question that names the unit that the scale may be in."""
         unit = self.settings.unit or self.unit
         given = millimetres(unit)
         if depth is None or given is None:
             return "is the scale right?"
         usual = float(np.sqrt(SHALLOWEST * DEEPEST))
-        would = {name: depth * MILLIMETRES[name] / given for name in MESH_UNITS}
-        fits = [name for name, d in would.items() if SHALLOWEST <= d <= DEEPEST]
+        times = {name: MILLIMETRES[name] / given for name in MESH_UNITS}
+        would = {name: depth * factor for name, factor in times.items()}
+        fits = [
+            name
+            for name, factor in times.items()
+            if factor != 1.0
+            and SHALLOWEST <= would[name] <= DEEPEST
+            and (steepness <= STEEPEST or factor < 1.0)
+        ]
         fits.sort(key=lambda name: abs(np.log(would[name] / usual)))
         if not fits:
             return f"is the scale, in {unit}, right?"
