@@ -12,8 +12,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cli.running import usage_error
 from meshes import SmallMesh
 from rhytid.cli import main
+from rhytid.domain.tiles import mesh_udims
+from rhytid.formats.meshes import read_mesh
 from rhytid_lab.samples.face import procedural_face
 
 SAMPLE = procedural_face(16)
@@ -186,3 +189,37 @@ def test_how_much_skin_there_would_be_is_told(
     assert f"about {build['wrinkles'] / 1e6:.2g} million wrinkles" in printed.out
     assert [notice["code"] for notice in figures["notices"]] == ["few-texels", "large-build"]
     assert "notice: few-texels: fewer than four texels lie between pores" in printed.err
+
+
+def test_a_scan_is_measured_on_its_mesh(
+    head: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    codes = np.random.default_rng(0).integers(20000, 45000, (64, 64)).astype(np.uint16)
+    for udim in mesh_udims(read_mesh(head.read_bytes(), head.name).mesh):
+        Image.fromarray(codes).save(tmp_path / f"d.{udim}.png")
+    out, scan = tmp_path / "figures.json", ["--scan", str(tmp_path / "d.<UDIM>.png")]
+    given = ["check", str(head), *scan, "--scale", "5", "--scan-unit", "cm"]
+    assert main([*given, "--json", str(out)]) == 0
+    told = json.loads(out.read_text())
+    first = told["scan"]["maps"][0]
+    assert (first["kind"], first["bits"], first["width"]) == ("16 bits", 16, 64)
+    assert "scan-depth" in {warning["code"] for warning in told["warnings"]}
+    capsys.readouterr()
+    assert main(given) == 0
+    printed = capsys.readouterr()
+    assert f"scan {first['udim']}, relief" in printed.out
+    assert "warning: scan-depth: " in printed.err
+    assert main([*given, "--strict"]) == 1
+    assert main(given[:4]) == 1
+    assert "has codes, which have no length of their own" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "option",
+    [["--scale", "1"], ["--midlevel", "0"], ["--scan-unit", "mm"], ["--flip", "v"], ["--partial"]],
+)
+def test_how_a_scan_is_read_needs_a_scan(
+    head: Path, capsys: pytest.CaptureFixture[str], option: list[str]
+) -> None:
+    said = usage_error(capsys, "check", str(head), *option)
+    assert f"{option[0]} says how to read displacement: give --scan, too" in said

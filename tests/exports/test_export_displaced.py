@@ -7,8 +7,8 @@ import pytest
 
 from meshes import SmallMesh, deform
 from rhytid.domain.mesh import Mesh
-from rhytid.errors import LimitError
-from rhytid.exports.displaced import Subdivided, sampled
+from rhytid.errors import InputError, LimitError
+from rhytid.exports.displaced import Subdivided, levels_for, sampled
 from rhytid.exports.meshes import flat_mesh
 
 
@@ -93,6 +93,39 @@ def test_samples_go_on_beyond_the_outermost_texels() -> None:
 
     assert sampled(heights, uv) == pytest.approx([1, 2, 3, 4, 2.5, 2])
     assert sampled(np.array([[7.0]]), uv) == pytest.approx([7.0] * 6)
+
+
+def test_a_curved_surface_is_that_of_a_sphere() -> None:
+    """Within four thousandths, where flat triangles leave fifty; and it stays closed."""
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    uv = 0.5 + 0.1 * ball.vertices[:, :2]
+    mesh = Mesh(ball.vertices.astype(np.float32), ball.faces, uv, ball.faces)
+    cut = Subdivided.of(mesh, 3)
+    maps = {1001: np.full((8, 8), 0.25)}
+    flat, curved = (cut.moved(mesh.positions, maps, curved=c).positions for c in (False, True))
+    assert np.ptp(np.linalg.norm(flat, axis=1)) > 0.05
+    assert np.linalg.norm(curved, axis=1) == pytest.approx(1.25, abs=4e-3)
+    assert np.array_equal(flat[: len(mesh.positions)], curved[: len(mesh.positions)])
+    assert len(np.unique(curved, axis=0)) == len(np.unique(flat, axis=0))
+
+
+def test_a_map_need_not_be_square() -> None:
+    heights = np.array([[1.0, 2.0, 3.0, 4.0], [5.0, 6.0, 7.0, 8.0]])
+    uv = np.array([[0.125, 0.75], [0.875, 0.25], [0.5, 0.5]])
+    assert sampled(heights, uv) == pytest.approx([1, 8, 4.5])
+
+
+def test_levels_are_as_few_as_make_edges_short(small_mesh: SmallMesh) -> None:
+    mesh = Mesh(*small_mesh)
+    corners = mesh.positions[mesh.faces].astype(np.float64)
+    edge = float(np.quantile(np.linalg.norm(corners - np.roll(corners, 1, 1), axis=2), 0.95))
+    for share, levels in ((2.0, 0), (1.0, 0), (0.99, 1), (0.5, 1), (0.26, 2), (0.125, 3)):
+        assert levels_for(mesh, share * edge) == levels
+    for wrong in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(InputError, match="must be a length above 0"):
+            levels_for(mesh, wrong)
 
 
 def test_too_many_triangles_are_refused(small_mesh: SmallMesh) -> None:

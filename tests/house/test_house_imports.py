@@ -53,7 +53,7 @@ ONLY_IN = {
     "rhytid_kernels": {"device", "support"},
     "rhytid_viewer": {"api", "exports"},
     "trimesh": {"exports", "meshes"},
-    "OpenImageIO": {"exports"},
+    "OpenImageIO": {"exports", "formats"},
     "dask": {"baking"},
     "distributed": {"baking"},
     "fsspec": {"storage"},

@@ -27,6 +27,16 @@ NUMBERS = {
     limits.SETTINGS_CHANGED: (),
     limits.SETTINGS_UNUSED: (),
     limits.DEVICES_MIXED: (),
+    limits.SCAN_DEPTH: (
+        f"{limits.SHALLOWEST:g} to {limits.DEEPEST:g} mm deep",
+        f"steeper than {limits.STEEPEST:g} to 1",
+    ),
+    limits.SCAN_BITS: (f"{limits.FEW_LEVELS:g} different",),
+    limits.SCAN_BLOCKS: (f"more than {limits.BLOCK_RATIO:g} times",),
+    limits.SCAN_MIDLEVEL: (),
+    limits.SCAN_FLAT: (),
+    limits.SCAN_MIRRORED: (f"more than {limits.FLIP_MARGIN:g}",),
+    limits.SCAN_SEAMS: (f"more than {limits.SEAM_SHARE:g} of",),
 }
 
 

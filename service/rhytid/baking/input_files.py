@@ -14,6 +14,7 @@ from rhytid.domain.expressions import Expressions, evenly_spaced
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import ORIGIN, Centre, Mesh
 from rhytid.domain.painted_maps import Controls, Stiffness
+from rhytid.domain.scan import Scan, ScanSettings
 from rhytid.domain.tiles import mesh_udims
 from rhytid.errors import InputError, LimitError
 from rhytid.formats.caches import (
@@ -28,7 +29,12 @@ from rhytid.formats.frames import read_expressions, read_frame_file
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import MeshFile
 from rhytid.formats.painted import read_controls, read_stiffness
+from rhytid.formats.scans import read_scan
+from rhytid.meshes.scans import scan_of
 from rhytid.support.console import working
+
+# Stands for a UDIM in the name of a file.
+_ANY_UDIM = "<UDIM>"
 
 
 def mesh_file(file: Path, clip: Clip | None = None) -> MeshFile:
@@ -96,6 +102,37 @@ def control_files(files: Mapping[str, Sequence[Path]], mesh: Mesh) -> Controls |
         name: [(str(file), file.read_bytes()) for file in named] for name, named in files.items()
     }
     return read_controls(images, mesh_udims(mesh))
+
+
+def scan_files(
+    files: Sequence[Path], mesh: Mesh, settings: ScanSettings, unit: str, *, partial: bool = False
+) -> Scan:
+    """Read scanned displacement; each name of a file holds a UDIM.
+
+    files: `<UDIM>` in a name stands for every UDIM.  unit: of the mesh.  partial: whether UDIMs of
+    the mesh may have no map.
+    """
+    udims = mesh_udims(mesh)
+    images = [(str(file), file.read_bytes()) for file in _every_udim(files, udims)]
+    with working("reading the scan"):
+        maps = read_scan(images, udims, partial=partial)
+    return scan_of(maps, settings, mesh, unit)
+
+
+def _every_udim(files: Sequence[Path], udims: Sequence[int]) -> list[Path]:
+    """The files, with those of every UDIM that are there for each with `<UDIM>` in its name."""
+    found: list[Path] = []
+    for file in files:
+        if _ANY_UDIM not in file.name:
+            found.append(file)
+            continue
+        every = [file.with_name(file.name.replace(_ANY_UDIM, str(udim))) for udim in udims]
+        there = [one for one in every if one.is_file()]
+        if not there:
+            have = ", ".join(str(udim) for udim in udims)
+            raise InputError(f"{file}: there is no such file for any UDIM of the mesh, {have}")
+        found += there
+    return found
 
 
 def _named_set(file: Path, make: Callable[[], FrameSet]) -> FrameSet:

@@ -124,9 +124,16 @@ class Geometry:
         self.format, self.words = format, f"{format} {levels} padded"
         self._cut = Subdivided.of(mesh, levels)
 
-    def write(self, file: Path, positions: NDArray[np.float32], maps: Mapping[int, Texels]) -> None:
+    def write(
+        self,
+        file: Path,
+        positions: NDArray[np.float32],
+        maps: Mapping[int, Texels],
+        *,
+        curved: bool = False,
+    ) -> None:
         """Write the surface of a frame; the file appears when it is complete.  positions: (V, 3).
-        maps: displacement by UDIM."""
-        data = mesh_format(self.format).write(self._cut.moved(positions, maps))
+        maps: displacement by UDIM.  curved: as `Subdivided.moved` has it."""
+        data = mesh_format(self.format).write(self._cut.moved(positions, maps, curved=curved))
         with atomic_write(file) as aside:
             write_file(aside, data)

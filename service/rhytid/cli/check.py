@@ -19,12 +19,21 @@ from rhytid.cli.options import (
     readable,
 )
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.scan_options import (
+    SCAN_FILES,
+    add_scan_settings,
+    read_scan_files,
+    refuse_without_scan,
+    scan_file,
+    scan_settings,
+)
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.support.console import check_suffix, counted, make_place, report, table, working
 
 if TYPE_CHECKING:
     from rhytid.baking.run_warnings import RunWarnings
     from rhytid.meshes.check import MeshCheck
+    from rhytid.meshes.scan_check import ScanCheck
 
 _PNG = ".png"
 
@@ -36,7 +45,8 @@ def add_command(commands: Commands) -> None:
         "check",
         "Check a mesh and its frames: parts, borders, triangles, UV, texel size, length. "
         "Nothing is computed on a device. The status is 0 whatever is found, 1 where the mesh "
-        "cannot be used, or has warnings and --strict is given.",
+        "cannot be used, or has warnings and --strict is given. With --scan the displacement is "
+        "read, too, and measured on the mesh: bits, depth, midlevel, seams.",
         "rhytid check face.obj --frames shot/*.obj --picture face.check.png",
     )
     add = parser.add_argument
@@ -50,13 +60,17 @@ def add_command(commands: Commands) -> None:
     add("--resolution", type=int, default=usual, metavar="R", help=texels)
     picture = "write a picture of the mesh and its UV, with the problems coloured"
     add("--picture", type=Path, metavar="FILE.png", help=picture)
+    scan = parser.add_argument_group("scanned displacement")
+    add_several(scan, "--scan", type=scan_file, metavar="MAP", help=SCAN_FILES)
+    add_scan_settings(scan)
     add_json(parser)
     add_strict(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, usage_error=parser.refuse)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Check the mesh, and report. With --strict, warnings are an error at the end."""
+    refuse_without_scan(arguments)
     from rhytid.baking.run_warnings import RunWarnings
 
     with RunWarnings("check", arguments.strict, arguments.allow) as warnings:
@@ -80,11 +94,29 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
         check = MeshCheck.of(read, unit, arguments.resolution)
     figures = check.figures() | _frames(arguments, check, warnings)
     warnings.add_notices(check.notices())
+    scan = _scan(arguments, check, warnings)
+    figures["scan"] = None if scan is None else scan.figures()
     figures = {"file": str(arguments.mesh), **figures, **warnings.all_figures()}
     if picture is not None:
         with working(f"drawing {picture.name}"):
             _draw(check, arguments.mesh.name, picture)
-    report(figures, table(HEADER, rows(check, figures)), arguments.json)
+    listed = [*rows(check, figures), *([] if scan is None else scan.rows())]
+    report(figures, table(HEADER, listed), arguments.json)
+
+
+def _scan(
+    arguments: argparse.Namespace, check: MeshCheck, warnings: RunWarnings
+) -> ScanCheck | None:
+    """Read and check the displacement that is given, and add its warnings."""
+    from rhytid.meshes.scan_check import ScanCheck
+
+    if not arguments.scan:
+        return None
+    scan = read_scan_files(arguments, arguments.scan, check.mesh, check.unit)
+    found = ScanCheck(scan, check.mesh, check.unit, scan_settings(arguments))
+    with working("measuring the scan"):
+        warnings.add(found.warnings())
+    return found
 
 
 def _frames(

@@ -74,6 +74,13 @@ def overlapping(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     return found
 
 
+def coverage(corners: NDArray[np.float64], side: int) -> NDArray[np.bool_]:
+    """(side, side) whether a triangle (F, 3, 2) of the unit square lies over the middle of a cell
+    of a grid, row 0 at the top."""
+    covered: NDArray[np.bool_] = _counts(corners * side - 0.5, side)[::-1] > 0
+    return covered
+
+
 @dataclass(frozen=True)
 class TexelSpread:
     """Sides of texels on the surface, mesh units: the least, the usual and the most, without tails.

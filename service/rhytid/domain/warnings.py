@@ -22,6 +22,13 @@ FRAME_SCALED = "frame-scaled"
 SETTINGS_CHANGED = "settings-changed"
 SETTINGS_UNUSED = "settings-unused"
 DEVICES_MIXED = "devices-mixed"
+SCAN_DEPTH = "scan-depth"
+SCAN_BITS = "scan-bits"
+SCAN_BLOCKS = "scan-blocks"
+SCAN_MIDLEVEL = "scan-midlevel"
+SCAN_FLAT = "scan-flat"
+SCAN_MIRRORED = "scan-mirrored"
+SCAN_SEAMS = "scan-seams"
 CODES = (
     UV_OVERLAP,
     UV_MIRRORED,
@@ -34,6 +41,13 @@ CODES = (
     SETTINGS_CHANGED,
     SETTINGS_UNUSED,
     DEVICES_MIXED,
+    SCAN_DEPTH,
+    SCAN_BITS,
+    SCAN_BLOCKS,
+    SCAN_MIDLEVEL,
+    SCAN_FLAT,
+    SCAN_MIRRORED,
+    SCAN_SEAMS,
 )
 
 # uv-overlap: share of the covered UV area that lies under two triangles or more. Layouts have
@@ -70,6 +84,21 @@ CLAMP_MEDIAN = 0.4
 SCALED_MEDIAN, SCALED_SPREADS = 0.05, 3.0
 # frame-scaled: how near the factor must be to that of two units for these to be named.
 UNIT_TOLERANCE = 0.05
+# scan-depth: between what 95 % of a relief lie, mm: from fine pores of smooth skin to folds of a
+# neck that the mesh does not have. And the gradient that a twentieth of it exceeds: 0.06 to 0.2 of
+# a cheek at 0.1 mm a texel; ten times that is a scale in cm for one in mm.
+SHALLOWEST, DEEPEST, STEEPEST = 0.01, 5.0, 1.0
+# scan-bits: different values of a map. 16 bits of which a relief uses so few are no better.
+FEW_LEVELS = 256
+# scan-blocks: mean difference across borders of 8 x 8 texels over the median of those within. Maps
+# that were never JPEG have 0.97 to 1.03; a JPEG of ordinary quality has 1.2 to 3.
+BLOCK_RATIO = 1.12
+# scan-mirrored: correlation of how much varies in a place of the map and whether a chart lies
+# there, and by how much it must be better for a turned map.
+FLIP_MATCH, FLIP_MARGIN = 0.25, 0.12
+# scan-seams: rms of the difference of both sides over the standard deviation of heights along
+# seams. Sides that have nothing to do with one another have 1.4.
+SEAM_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -225,6 +254,68 @@ WARNINGS: dict[str, Meaning] = {
         (
             "bake all frames by one kind of device: name it with `--device` or `RHYTID_DEVICE`, "
             "and install the same rhytid on all machines"
+        ),
+    ),
+    SCAN_DEPTH: Meaning(
+        "a map of scanned displacement",
+        (
+            "95 % of it on the surface is not 0.01 to 5 mm deep, or a twentieth of it is steeper "
+            "than 1 to 1"
+        ),
+        (
+            "set the scale, or its unit (`--scale`, `--scan-unit`), to what the program that made "
+            "the map says; the text has the unit that it looks like"
+        ),
+    ),
+    SCAN_BITS: Meaning(
+        "a map of scanned displacement",
+        "it has 256 different values or fewer, whatever the bits of its file",
+        "export 16 bits or floats from the scan or the sculpt; to convert the file adds nothing",
+    ),
+    SCAN_BLOCKS: Meaning(
+        "a map of scanned displacement",
+        (
+            "differences across the borders of squares of 8 x 8 texels are more than 1.12 times "
+            "those within: it was a JPEG once"
+        ),
+        "export PNG, TIFF or EXR from the scan or the sculpt",
+    ),
+    SCAN_MIDLEVEL: Meaning(
+        "a map of scanned displacement",
+        (
+            "its midlevel lies beyond 95 % of the values on the surface, or the value outside of "
+            "the charts is another by a tenth of the depth"
+        ),
+        (
+            "set `--midlevel` to what the program that made the map says, 0, 0.5 or `auto`; where "
+            "the whole surface is meant to move it may stay"
+        ),
+    ),
+    SCAN_FLAT: Meaning(
+        "a map of scanned displacement",
+        "where the mesh is, all of it is one value",
+        "give the map of this UDIM, or leave it out; of eyes and teeth it may stay",
+    ),
+    SCAN_MIRRORED: Meaning(
+        "a map of scanned displacement",
+        (
+            "what varies in the map lies in the charts of the mesh when it is turned over, or by "
+            "quarter turns, better than as it is: the correlation is higher by more than 0.12"
+        ),
+        (
+            "turn the map over (`--flip`), or the UV of the mesh; some glTF files have v upward, "
+            "which is down for readers"
+        ),
+    ),
+    SCAN_SEAMS: Meaning(
+        "scanned displacement",
+        (
+            "heights on the two sides of UV seams differ by more than 0.5 of how much they vary "
+            "along them (rms)"
+        ),
+        (
+            "bake the map from the mesh whose UV this is, with padding around charts (16 texels); "
+            "check that it is the map of this mesh and not turned"
         ),
     ),
 }

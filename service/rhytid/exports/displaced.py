@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.mesh import Mesh, add_centre
 from rhytid.domain.tiles import udim_origin
-from rhytid.errors import LimitError
+from rhytid.errors import InputError, LimitError
 from rhytid.exports.meshes import FlatMesh, flat_mesh, welded
 
 FloatArray = NDArray[np.float64]
@@ -21,6 +21,9 @@ MOST_TRIANGLES = 20_000_000
 # How far towards the middle of its triangle a corner is moved before its UDIM is looked up: it may
 # lie on the border of two.
 _INWARDS = 1e-6
+# Share of the edges that a target is for: single long ones, as at the back of a head, may stay.
+# What is longer by no more than rounding is not cut once more.
+_EDGES, _ROUNDED = 0.95, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,45 +64,68 @@ class Subdivided:
         return cls(mesh, flat, tuple(edges), faces, uv, _udims(uv, faces), welded)
 
     def moved(
-        self, positions: NDArray[np.float32], maps: Mapping[int, NDArray[np.floating]]
+        self,
+        positions: NDArray[np.float32],
+        maps: Mapping[int, NDArray[np.floating]],
+        *,
+        curved: bool = False,
     ) -> FlatMesh:
         """A frame with its displacement.
 
-        positions (V, 3): of the mesh, less its centre.  maps: by UDIM, (R, R) heights in mesh
+        positions (V, 3): of the mesh, less its centre.  maps: by UDIM, (H, W) heights in mesh
         units, row 0 at the top; vertices of UDIMs without one stay.
 
         Each vertex moves along the normal of the frame by the height that its map has there,
         interpolated between the nearest four texels. Vertices that a seam splits move by the mean
-        of both sides, so that no gap opens.
+        of both sides, so that no gap opens.  curved: new vertices lie on a surface that is curved
+        by the normals, not in the triangles, so that no facets show.
         """
-        source = self.flat.source
-        normals = _spread(_normals(positions, self.mesh)[source], self.edges)
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        there, normals = self._undisplaced(positions, curved)
         heights = np.zeros(len(self.uv))
         for udim, heights_of in maps.items():
             some = np.flatnonzero(self.udim == udim)
             heights[some] = sampled(heights_of, self.uv[some] - udim_origin(udim))
         many = np.bincount(self.welded)
         heights = (np.bincount(self.welded, heights) / many)[self.welded]
-        there = _spread(positions.astype(np.float64)[source], self.edges)
         out = add_centre(there + heights[:, None] * normals, self.mesh.centre)
         out = out if self.mesh.centre.any() else out.astype(np.float32)
         return FlatMesh(out, self.faces, self.uv, np.zeros(0, np.int64))
 
+    def _undisplaced(
+        self, positions: NDArray[np.float32], curved: bool
+    ) -> tuple[FloatArray, FloatArray]:
+        """(W', 3) all vertices of a frame without displacement, and (W', 3) unit normals there."""
+        there = positions.astype(np.float64)[self.flat.source]
+        normals = _normals(positions, self.mesh)[self.flat.source]
+        if curved:
+            return _curved(there, normals, self.edges)
+        return _spread(there, self.edges), _unit(_spread(normals, self.edges))
+
+
+def levels_for(mesh: Mesh, edge: float) -> int:
+    """How many times triangles must be cut so that all edges but the longest twentieth are no
+    longer than `edge`, mesh units; raises InputError where that is no length."""
+    if not (np.isfinite(edge) and edge > 0.0):
+        raise InputError(f"an edge of {edge:g}: must be a length above 0")
+    corners = mesh.positions[mesh.faces].astype(np.float64)
+    lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    halvings = np.log2(np.quantile(lengths, _EDGES) / edge)
+    return max(int(np.ceil(halvings - _ROUNDED)), 0) if np.isfinite(halvings) else 0
+
 
 def sampled(heights: NDArray[np.floating], uv: FloatArray) -> FloatArray:
-    """(N,) values of a map (R, R), row 0 at the top, at places (N, 2) in its unit square.
+    """(N,) values of a map (H, W), row 0 at the top, at places (N, 2) in its unit square.
 
     Linear between the middles of texels; beyond the outermost middles their values go on.
     """
-    size = len(heights)
+    size = np.array(heights.shape)
     place = np.stack([1.0 - uv[:, 1], uv[:, 0]], axis=1) * size - 0.5
     place = np.clip(place, 0.0, size - 1.0)
-    low = np.minimum(place.astype(np.int64), max(size - 2, 0))
+    low = np.minimum(place.astype(np.int64), np.maximum(size - 2, 0))
     (r, c), (y, x) = low.T, (place - low).T
-    after = min(1, size - 1)
-    top = heights[r, c] * (1 - x) + heights[r, c + after] * x
-    bottom = heights[r + after, c] * (1 - x) + heights[r + after, c + after] * x
+    down, right = np.minimum(1, size - 1).tolist()
+    top = heights[r, c] * (1 - x) + heights[r, c + right] * x
+    bottom = heights[r + down, c] * (1 - x) + heights[r + down, c + right] * x
     found: FloatArray = top * (1 - y) + bottom * y
     return found
 
@@ -121,6 +147,31 @@ def _spread(values: FloatArray, edges: tuple[IntArray, ...] | list[IntArray]) ->
     for ends in edges:
         values = np.concatenate([values, 0.5 * (values[ends[:, 0]] + values[ends[:, 1]])])
     return values
+
+
+def _curved(
+    places: FloatArray, normals: FloatArray, edges: tuple[IntArray, ...]
+) -> tuple[FloatArray, FloatArray]:
+    """Places and normals of vertices, and of new ones on cubic curves between the ends of edges.
+
+    A curve leaves each end at right angles to its normal, as edges of PN triangles do (Vlachos et
+    al. 2001): its middle is off that of the edge by an eighth of how far each end sees the other
+    above or below its tangent plane.
+    """
+    normals = _unit(normals)
+    for ends in edges:
+        (a, b), (m, n) = np.moveaxis(places[ends], 1, 0), np.moveaxis(normals[ends], 1, 0)
+        above = np.sum((b - a) * m, axis=1, keepdims=True) * m
+        below = np.sum((b - a) * n, axis=1, keepdims=True) * n
+        places = np.concatenate([places, 0.5 * (a + b) + 0.125 * (below - above)])
+        normals = np.concatenate([normals, _unit(m + n)])
+    return places, normals
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    size = np.linalg.norm(vectors, axis=1, keepdims=True)
+    found: FloatArray = vectors / np.maximum(size, 1e-300)
+    return found
 
 
 def _welded(mesh: Mesh, flat: FlatMesh, edges: list[IntArray]) -> IntArray:

@@ -14,7 +14,6 @@ import io
 import json
 import struct
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,19 +21,19 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from rhytid.errors import InputError, StorageError
+from rhytid.domain.wording import plural
+from rhytid.errors import InputError
 from rhytid.formats import exr_encoder
-from rhytid.formats.exr_decoder import READY, BadTexel, decode
+from rhytid.formats.decoder_process import answer_of
+from rhytid.formats.exr_decoder import BadTexel, decode
 from rhytid.formats.exr_encoder import CHANNEL, Texels, exr_parts
-from rhytid.formats.limits import check_sides
+from rhytid.formats.limits import MOST_SIDE, check_sides
 from rhytid.formats.tile_header import TileHeader
 from rhytid.support.temporary_folders import temporary_folder
 
 SIGNATURE = exr_encoder.SIGNATURE
 # Seconds that the decoder may take.
 _SECONDS = 60
-# Bytes of its messages that are kept, beside its answer.
-_MOST_WORDS = 4000
 # Isolated from the environment and the working folder, and importing from where this process does,
 # however the package is installed.
 _START = (
@@ -105,6 +104,13 @@ def decode_here(begun: Callable[[str], None]) -> None:
     _begun = begun
 
 
+def decodes_here(name: str) -> bool:
+    """Whether images are decoded in this process, as `decode_here` says; if so, `name` is next."""
+    if _begun is not None:
+        _begun(name)
+    return _begun is not None
+
+
 def read_grey_exr(data: bytes, name: str) -> NDArray[np.uint16]:
     """(h, w) codes of an OpenEXR image: its values times 65535, rounded; row 0 at the top.
 
@@ -113,8 +119,7 @@ def read_grey_exr(data: bytes, name: str) -> NDArray[np.uint16]:
     are taken as they are, whatever the channel is called.
     """
     width, height = read_sides(data, name)
-    if _begun is not None:
-        _begun(name)
+    if decodes_here(name):
         return _decoded_here(data, name, width, height)
     try:
         answer = _decoded(data, width, height)
@@ -162,24 +167,7 @@ def _wrong(answer: bytes) -> BadTexel | None:
 
 def _decoded(data: bytes, width: int, height: int) -> bytes:
     """The answer of the decoder after READY; empty where it fails."""
-    try:
-        with temporary_folder("rhytid-") as folder:
-            path = folder / "map.exr"
-            path.write_bytes(data)
-            arguments = [str(path), str(width), str(height), *sys.path]
-            command = [sys.executable, "-I", "-c", _START, *arguments]
-            # Into files, whose size the decoder limits for itself: a pipe is read without end.
-            answer, said = (folder / name for name in ("answer", "said"))
-            with answer.open("wb") as out, said.open("wb") as err:
-                child = subprocess.run(
-                    command, stdout=out, stderr=err, timeout=_SECONDS, check=False
-                )
-            found, words = answer.read_bytes(), said.read_bytes()[-_MOST_WORDS:]
-    except OSError as exc:
-        raise StorageError(f"cannot hand an EXR image to its decoder: {exc}") from exc
-    if not found.startswith(READY):  # an installation that is broken, not the image
-        raise RuntimeError(f"the EXR decoder does not start: {words.decode(errors='replace')}")
-    return found[len(READY) :] if child.returncode == 0 else b""
+    return answer_of(_START, data, [str(width), str(height)], _SECONDS, "EXR")
 
 
 def read_sides(data: bytes, name: str) -> tuple[int, int]:
@@ -188,12 +176,24 @@ def read_sides(data: bytes, name: str) -> tuple[int, int]:
     Raises InputError where the header is damaged, or not that of a grey map of half or float;
     LimitError above MOST_SIDE texels per side.
     """
+    _, width, height = read_channels(data, name, 1, MOST_SIDE)
+    return width, height
+
+
+def read_channels(
+    data: bytes, name: str, most: int, most_side: int
+) -> tuple[tuple[str, ...], int, int]:
+    """Names of the channels, width and height of an OpenEXR image by its header.
+
+    most: channels that it may have.  most_side: texels per side. Raises InputError where the header
+    is damaged, or names other texels than half or float; LimitError above `most_side`.
+    """
     source = _Bytes(data, len(SIGNATURE))
     try:
         _check_flags(source.numbers("<I")[0], name)
         found = _attributes(source)
-        _check_channel(found["channels"], name)
-        return _sides(found, name)
+        names = _check_channels(found["channels"], name, most)
+        return names, *_sides(found, name, most_side)
     except _Damaged as exc:
         raise InputError(f"{name}: a damaged EXR image: {exc}") from exc
 
@@ -226,25 +226,32 @@ def _attributes(source: _Bytes) -> dict[str, bytes]:
     return found
 
 
-def _check_channel(channels: bytes, name: str) -> None:
-    """One channel, whatever its name, of half or float, with a value for every texel."""
+def _check_channels(channels: bytes, name: str, most: int) -> tuple[str, ...]:
+    """Up to `most` channels, whatever their names, of half or float, with a value for every
+    texel."""
     source = _Bytes(channels)
     found: list[tuple[str, tuple[int, ...]]] = []
     while len(found) < _MOST_CHANNELS and (channel := source.text()):
         found.append((channel, source.numbers("<iIii")))
-    names = [channel for channel, _ in found]
-    if len(found) != 1:
-        what = "colours" if _COLOURS & set(names) else "not one channel"
-        raise InputError(f"{name} has {what} ({', '.join(names)}): must be grey, one channel")
-    kind, _, *every = found[0][1]
-    texels = _TEXELS.get(kind, f"type {kind}")
-    if texels not in ("half", "float"):
-        raise InputError(f"{name} has texels of {texels}: must be half or float")
-    if every != [1, 1]:
-        raise InputError(f"{name} has a value every {every[0]} x {every[1]} texels: must be 1 x 1")
+    names = tuple(channel for channel, _ in found)
+    if not 0 < len(found) <= most:
+        what = "colours" if _COLOURS & set(names) and most == 1 else "not one channel"
+        rule = "must be grey, one channel"
+        if most > 1:
+            what, rule = plural(len(names), "channel"), f"must have 1 to {most}"
+        raise InputError(f"{name} has {what} ({', '.join(names)}): {rule}")
+    for _, (kind, _, *every) in found:
+        texels = _TEXELS.get(kind, f"type {kind}")
+        if texels not in ("half", "float"):
+            raise InputError(f"{name} has texels of {texels}: must be half or float")
+        if every != [1, 1]:
+            raise InputError(
+                f"{name} has a value every {every[0]} x {every[1]} texels: must be 1 x 1"
+            )
+    return names
 
 
-def _sides(found: dict[str, bytes], name: str) -> tuple[int, int]:
+def _sides(found: dict[str, bytes], name: str, most_side: int) -> tuple[int, int]:
     """Both windows begin at the origin and are the same."""
     data, display = (_Bytes(found[w]).numbers("<4i") for w in ("dataWindow", "displayWindow"))
     if data[:2] != (0, 0) or data != display:
@@ -252,7 +259,7 @@ def _sides(found: dict[str, bytes], name: str) -> tuple[int, int]:
         rule = "must be the same, from (0, 0) on"
         raise InputError(f"{name} has {windows} {display[2:]}: {rule}")
     width, height = data[2] + 1, data[3] + 1
-    check_sides(name, width, height)
+    check_sides(name, width, height, most_side)
     return width, height
 
 

@@ -60,11 +60,12 @@ def main() -> None:
     out.flush()
 
 
-def limit_memory(texels: int) -> None:
+def limit_memory(texels: int, nbytes: int | None = None) -> None:
     """Limit the address space of this process, and what it may write, to what an image of so many
     texels needs.
 
-    On Linux only: elsewhere there is no such limit, or none that holds.
+    nbytes: of its answer; None for codes of 16 bits. On Linux only: elsewhere there is no such
+    limit, or none that holds.
     """
     if sys.platform == "linux":
         import resource
@@ -75,7 +76,7 @@ def limit_memory(texels: int) -> None:
         if soft == resource.RLIM_INFINITY or soft > most:
             resource.setrlimit(resource.RLIMIT_AS, (most, hard))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # nor fill the disk as it crashes
-        written = _ANSWER + 2 * texels
+        written = _ANSWER + (2 * texels if nbytes is None else nbytes)
         resource.setrlimit(resource.RLIMIT_FSIZE, (written, written))
 
 

@@ -12,8 +12,9 @@ from rhytid.errors import InputError, LimitError
 MAX_NUMBERS = 50_000_000
 # All frames of one animation together: 400 frames of a mesh of 160,000 vertices.
 MAX_FRAME_NUMBERS = 200_000_000
-# Texels per side of a painted map.
+# Texels per side of a painted map, and of scanned displacement.
 MOST_SIDE = 8192
+MOST_SCAN_SIDE = 16384
 
 
 def check_size(what: str, numbers: int, limit: int = MAX_NUMBERS) -> None:
@@ -22,9 +23,9 @@ def check_size(what: str, numbers: int, limit: int = MAX_NUMBERS) -> None:
         raise LimitError(f"{what} holds {numbers} numbers: at most {limit}")
 
 
-def check_sides(name: str, width: int, height: int) -> None:
-    """Raise InputError where the image `name` has no texel, LimitError above MOST_SIDE per side."""
+def check_sides(name: str, width: int, height: int, most: int = MOST_SIDE) -> None:
+    """Raise InputError where the image `name` has no texel, LimitError above `most` per side."""
     if min(width, height) <= 0:
         raise InputError(f"{name} has {width} x {height} texels")
-    if max(width, height) > MOST_SIDE:
-        raise LimitError(f"{name} has {width} x {height} texels: at most {MOST_SIDE} a side")
+    if max(width, height) > most:
+        raise LimitError(f"{name} has {width} x {height} texels: at most {most} a side")

@@ -12,6 +12,7 @@ import io
 import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 from isal import isal_zlib
@@ -33,6 +34,9 @@ _HEADER = SIGNATURE + b"\x00\x00\x00\x0dIHDR"
 _HEADER_BYTES = 29
 # The errors of the library for a chunk that is too short or malformed.
 _DAMAGED = (OSError, SyntaxError, ValueError, EOFError, IndexError, TypeError, struct.error)
+PALETTE = 3
+# Channels by colour type; what is not here has one.
+_CHANNELS = {2: 3, 4: 2, 6: 4}
 _KINDS = {2: "colours", 3: "a palette", 4: "transparency", 6: "colours and transparency"}
 
 
@@ -111,21 +115,42 @@ def read_grey_png(data: bytes, name: str) -> NDArray[np.unsignedinteger]:
 def read_sides(data: bytes, name: str) -> tuple[int, int]:
     """Width and height of a PNG by its header; raises as `read_grey_png` does."""
     _check_header(data, name)
-    width, height = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
-    return width, height
+    found = read_layout(data, name)
+    return found.width, found.height
+
+
+@dataclass(frozen=True)
+class PngLayout:
+    """What the header of a PNG says: its sides, the bits of a channel and the colour type."""
+
+    width: int
+    height: int
+    bits: int
+    kind: int
+
+    @property
+    def channels(self) -> int:
+        """How many a texel has."""
+        return _CHANNELS.get(self.kind, 1)
+
+
+def read_layout(data: bytes, name: str) -> PngLayout:
+    """The header of a PNG of any kind; raises InputError where it is damaged."""
+    if not data.startswith(_HEADER) or len(data) < _HEADER_BYTES:
+        raise InputError(f"{name}: a damaged PNG image")
+    width, height, bits, kind = struct.unpack_from(">IIBB", data, 16)
+    return PngLayout(width, height, bits, kind)
 
 
 def _check_header(data: bytes, name: str) -> int:
     """Bits of a texel."""
-    if not data.startswith(_HEADER) or len(data) < _HEADER_BYTES:
-        raise InputError(f"{name}: a damaged PNG image")
-    width, height = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
-    bits, kind = data[24], data[25]
+    found = read_layout(data, name)
+    bits, kind = found.bits, found.kind
     if kind != 0:
         raise InputError(f"{name} has {_KINDS.get(kind, f'colour type {kind}')}: must be grey")
     if bits not in (8, 16):
         raise InputError(f"{name} has {bits} bits per texel: must be 8 or 16")
-    check_sides(name, width, height)
+    check_sides(name, found.width, found.height)
     return bits
 
 

@@ -1,0 +1,83 @@
+"""Options of commands that read scanned displacement."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rhytid.cli.options import Arguments, existing, unit_name
+from rhytid.domain.scan import AUTO, FLIPS, ScanSettings
+
+if TYPE_CHECKING:
+    from rhytid.domain.mesh import Mesh
+    from rhytid.domain.scan import Scan
+
+SCAN_FILES = (
+    "displacement along the normal, EXR, PNG, TIFF or JPEG: one file for each UDIM, as "
+    "face.1001.exr, or face.<UDIM>.exr for all"
+)
+
+
+def scan_file(text: str) -> Path:
+    """The path of a map, which may have `<UDIM>` in its name."""
+    return Path(text) if "<UDIM>" in Path(text).name else existing(text)
+
+
+def midlevel(text: str) -> float | str:
+    """A number, or `auto`."""
+    try:
+        return AUTO if text == AUTO else float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: a number, or {AUTO}") from None
+
+
+def add_scan_settings(parser: Arguments) -> None:
+    """Add `--scale`, `--midlevel`, `--scan-unit`, `--flip` and `--partial`."""
+    add = parser.add_argument
+    scale = (
+        "length from black to white, or of 1 in files of floats; three for a map of three bands; "
+        "below 0 turns the relief inside out (default: 1 for floats; others need one)"
+    )
+    add("--scale", type=float, nargs="+", metavar="S", help=scale)
+    level = (
+        "value of a surface without relief: 0, 0.5, another number, or auto, what is outside of "
+        "the charts (default: 0.5, in files of floats 0)"
+    )
+    add("--midlevel", type=midlevel, metavar="M", help=level)
+    unit = "length unit of --scale, as mm (default: that of the mesh)"
+    add("--scan-unit", type=unit_name, metavar="U", help=unit)
+    flip = "turn the map over: v top to bottom, u left to right, uv both"
+    add("--flip", choices=FLIPS, help=flip)
+    partial = "let UDIMs of the mesh have no map: the surface stays there"
+    add("--partial", action="store_true", help=partial)
+
+
+def refuse_without_scan(arguments: argparse.Namespace) -> None:
+    """End with a usage error where an option says how to read a scan, and none is given."""
+    given = {
+        "--scale": arguments.scale,
+        "--midlevel": arguments.midlevel,
+        "--scan-unit": arguments.scan_unit,
+        "--flip": arguments.flip,
+        "--partial": arguments.partial or None,
+    }
+    for option, value in given.items():
+        if value is not None and not arguments.scan:
+            arguments.usage_error(f"{option} says how to read displacement: give --scan, too")
+
+
+def scan_settings(arguments: argparse.Namespace) -> ScanSettings:
+    """What the options say; raises SettingsError."""
+    scale = None if arguments.scale is None else tuple(arguments.scale)
+    return ScanSettings(scale, arguments.midlevel, arguments.scan_unit, arguments.flip)
+
+
+def read_scan_files(
+    arguments: argparse.Namespace, files: list[Path], mesh: Mesh, unit: str
+) -> Scan:
+    """The maps in `files`, with what the options say of them.  unit: of the mesh."""
+    from rhytid.baking.input_files import scan_files
+
+    settings = scan_settings(arguments)
+    return scan_files(files, mesh, settings, unit, partial=arguments.partial)

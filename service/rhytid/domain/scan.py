@@ -1,0 +1,210 @@
+"""Scanned or sculpted displacement: maps as they are read, and what their values stand for.
+
+A value of a map becomes a height along the normal by `(value - midlevel) * scale`, in the unit of
+`scale`. Codes of 8 and 16 bits are values from 0 to 1, floats are taken as they are. A map of three
+channels that are bands of a relief, from coarse to fine, is their sum, with a scale for each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.lengths import MILLIMETRES, millimetres
+from rhytid.domain.resampling import resampled
+from rhytid.errors import SettingsError
+
+Codes = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float16] | NDArray[np.float32]
+Relief = NDArray[np.float32]
+# Channels of a map of bands.
+BANDS = 3
+# The midlevel that is looked for outside of the charts.
+AUTO = "auto"
+# Of codes and of floats, where nothing else is said.
+MID_GREY, ZERO = 0.5, 0.0
+# How a map may be turned over: top to bottom, left to right, or both, which is half a turn.
+FLIPS = ("v", "u", "uv")
+# Values that become heights at once.
+_AT_ONCE = 1 << 22
+
+
+@dataclass(frozen=True)
+class ScanSettings:
+    """What the values of scanned displacement stand for.
+
+    scale: length of the full range of the codes, or of 1 in floats; three for bands. Below 0 the
+    relief is turned inside out. None is 1 for floats; codes need one.
+    midlevel: the value of a surface without relief; `"auto"` for the one that is most frequent
+    outside of the charts; None is 0.5 for codes and 0 for floats.
+    unit: of `scale`; None for that of the mesh.
+    flip: one of FLIPS, for a map whose v, or u, runs against that of the mesh.
+
+    Raises SettingsError naming the setting that cannot be used.
+    """
+
+    scale: tuple[float, ...] | None = None
+    midlevel: float | str | None = None
+    unit: str | None = None
+    flip: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.scale is not None:
+            _check_scale(self.scale)
+        if isinstance(self.midlevel, str) and self.midlevel != AUTO:
+            raise SettingsError(f"scan.midlevel is {self.midlevel!r}: a number, or {AUTO!r}")
+        if isinstance(self.midlevel, float | int) and not math.isfinite(self.midlevel):
+            raise SettingsError(f"scan.midlevel is {self.midlevel}: must be finite")
+        if self.unit is not None and millimetres(self.unit) is None:
+            known = ", ".join(MILLIMETRES)
+            raise SettingsError(f"scan.unit is {self.unit!r}: one of {known}, or so many, as 5.5cm")
+
+        if self.flip not in (None, *FLIPS):
+            raise SettingsError(f"scan.flip is {self.flip!r}: one of {', '.join(FLIPS)}")
+
+    def scales(self, channels: int, coded: bool, unit: str, name: str) -> tuple[float, ...]:
+        """The scale of each channel in mesh units.
+
+        channels: of the map.  coded: whether it has codes, not floats.  unit: of the mesh.  name:
+        of the map, for messages. Raises SettingsError where the scale is not that of such a map.
+        """
+        given = self.scale
+        if given is None and coded:
+            rule = "scan.scale, the length of the full range from black to white, must be given"
+            raise SettingsError(f"{name} has codes, which have no length of their own: {rule}")
+        found = (1.0,) if given is None else given
+        if len(found) != channels:
+            raise SettingsError(_other_count(name, channels, found))
+        factor = self._mesh_units(unit)
+        return tuple(factor * one for one in found)
+
+    def _mesh_units(self, unit: str) -> float:
+        """Mesh units in one unit of the scale."""
+        if self.unit is None or self.unit == unit:
+            return 1.0
+        of_scale, of_mesh = millimetres(self.unit), millimetres(unit)
+        if of_scale is None or of_mesh is None:
+            raise SettingsError(
+                f"scan.unit is {self.unit!r}, but the unit of the mesh, {unit!r}, has no known "
+                "length: leave scan.unit out, or give the unit of the mesh"
+            )
+        return of_scale / of_mesh
+
+
+def _check_scale(scale: tuple[float, ...]) -> None:
+    if len(scale) not in (1, BANDS):
+        raise SettingsError(f"scan.scale has {len(scale)} numbers: one, or one for each of 3 bands")
+    if not all(math.isfinite(one) for one in scale):
+        raise SettingsError(f"scan.scale is {_listed(scale)}: must be finite")
+    if not any(scale):
+        raise SettingsError("scan.scale is 0: that is no relief at all")
+
+
+def _other_count(name: str, channels: int, scale: tuple[float, ...]) -> str:
+    if channels == 1:
+        return f"{name} has one channel, scan.scale has {len(scale)} numbers: give one"
+    return (
+        f"{name} has three channels that differ: give scan.scale a length for each, red, green and "
+        "blue, where they are bands of a relief, from coarse to fine; else save the map as grey"
+    )
+
+
+def _listed(scale: tuple[float, ...]) -> str:
+    return ", ".join(f"{one:g}" for one in scale)
+
+
+@dataclass(frozen=True, eq=False)
+class ScanMap:
+    """One UDIM of scanned displacement, as its file has it.
+
+    name: of the file.  channels: one or BANDS arrays (H, W) of codes or floats, finite, of one
+    type; row 0 at the top, any H and W. They are not copied.
+    """
+
+    udim: int
+    name: str
+    channels: tuple[Codes, ...]
+
+    @property
+    def coded(self) -> bool:
+        """Whether its values are codes, not floats."""
+        return self.channels[0].dtype.kind == "u"
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        height, width = self.channels[0].shape
+        return height, width
+
+    @property
+    def kind(self) -> str:
+        """Its type, in words."""
+        return {"u1": "8 bits", "u2": "16 bits", "f2": "half", "f4": "float"}[
+            self.channels[0].dtype.str[1:]
+        ]
+
+    def flipped(self, flip: str | None) -> ScanMap:
+        """The map turned over, without a copy.  flip: one of FLIPS, None to leave it."""
+        over = tuple(slice(None, None, -1 if axis in (flip or "") else 1) for axis in "vu")
+        return replace(self, channels=tuple(channel[over] for channel in self.channels))
+
+    def usual_midlevel(self) -> float:
+        """The value without relief where nothing is said."""
+        return MID_GREY if self.coded else ZERO
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """Scanned displacement of a mesh, with what its values stand for.
+
+    maps: by UDIM, all of one type and with as many channels.  scales: of each channel, mesh units.
+    midlevels: of each UDIM, a value for each channel.
+    """
+
+    maps: Mapping[int, ScanMap]
+    scales: tuple[float, ...]
+    midlevels: Mapping[int, tuple[float, ...]]
+
+    def relief(self, udim: int, resolution: int | None = None) -> Relief:
+        """(H, W) heights of a UDIM along the normal, mesh units.
+
+        resolution: texels per side, which `resampled` makes of those of the file; None for as many
+        as the file has.
+        """
+        bands = self.bands(udim)
+        found = next(bands)
+        for band in bands:
+            found += band
+        return found if resolution is None else resampled(found, resolution, resolution)
+
+    def bands(self, udim: int) -> Iterator[Relief]:
+        """The heights (H, W) of each channel, mesh units; their sum is the relief."""
+        each = zip(self.maps[udim].channels, self.scales, self.midlevels[udim], strict=True)
+        return (heights(values, scale, midlevel) for values, scale, midlevel in each)
+
+    def step(self, udim: int, channel: int = 0) -> float:
+        """The length between neighbouring codes of a channel, mesh units; 0 for floats."""
+        values = self.maps[udim].channels[channel]
+        return abs(self.scales[channel]) / full_range(values) if values.dtype.kind == "u" else 0.0
+
+
+def full_range(values: NDArray[Any]) -> int:
+    """The largest code of an array of codes; 1 for floats, which are taken as they are."""
+    return int(np.iinfo(values.dtype).max) if values.dtype.kind == "u" else 1
+
+
+def heights(values: Codes, scale: float, midlevel: float) -> Relief:
+    """(…) heights of values, in the unit of `scale`, rounded once; floats with the scale 1 and the
+    midlevel 0 stay bit for bit."""
+    out = np.empty(values.shape, np.float32)
+    step = scale / full_range(values)
+    zero = midlevel * full_range(values)
+    rows = max(_AT_ONCE // max(values[:1].size, 1), 1)
+    for start in range(0, len(values), rows):
+        part = slice(start, start + rows)
+        out[part] = (values[part].astype(np.float64) - zero) * step
+    return out

@@ -1,0 +1,438 @@
+"""Everything that can be said of scanned displacement before anything is made of it: facts of each
+map, and what is probably wrong. `warnings.py` has the limits and their reasons.
+
+Nothing is told by the extension of a file: bits, blocks of JPEG and the way a map lies on its mesh
+are measured from its values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.lengths import MESH_UNITS, MILLIMETRES, millimetres
+from rhytid.domain.mesh import Mesh, add_centre
+from rhytid.domain.scan import Codes, Scan, ScanSettings, full_range
+from rhytid.domain.warnings import (
+    BLOCK_RATIO,
+    DEEPEST,
+    FEW_LEVELS,
+    FLIP_MARGIN,
+    FLIP_MATCH,
+    SCAN_BITS,
+    SCAN_BLOCKS,
+    SCAN_DEPTH,
+    SCAN_FLAT,
+    SCAN_MIDLEVEL,
+    SCAN_MIRRORED,
+    SCAN_SEAMS,
+    SEAM_SHARE,
+    SHALLOWEST,
+    STEEPEST,
+    InputWarning,
+)
+from rhytid.meshes.scan_samples import Seams, SurfaceSamples
+from rhytid.meshes.scans import SIDE, Background, Mask, charts
+
+FloatArray = NDArray[np.float64]
+# Percentiles between which 95 % of a relief lie.
+_ENDS = (2.5, 97.5)
+# Values of floats of which different ones are counted, and how often each must come to be a code.
+_VALUES, _REPEATED = 1 << 18, 4
+# Rows or columns that are looked at for blocks of JPEG, of this side.
+_LINES, _BLOCK = 512, 8
+# Of texels of a cell, along a side, that tell how much there is in it.
+_TEXELS = 8
+# The ways in which a map may lie turned, the likeliest first, and what undoes each.
+TURNS = {
+    "as it is": (0, False),
+    "top to bottom": (2, True),
+    "left to right": (0, True),
+    "half a turn": (2, False),
+    "a quarter turn": (1, False),
+    "three quarter turns": (3, False),
+    "a quarter turn and left to right": (1, True),
+    "three quarter turns and left to right": (3, True),
+}
+_AS_IT_IS = "as it is"
+_FLIPS = {"top to bottom": "v", "left to right": "u", "half a turn": "uv"}
+
+
+@dataclass(frozen=True)
+class MapFacts:
+    """What was measured of one map; lengths in mesh units.
+
+    file, width, height, kind, channels: of the file.  levels: different values, of floats that are
+    continuous None.  bits: that these levels need over the full range.  step: between neighbouring
+    levels.  noise: rms of what no neighbour foretells, as an upper limit: fine relief counts, too.
+    blocks: differences across the borders of 8 x 8 texels over those within.  midlevel: of the
+    first channel; outside: the value outside of the charts, where there is one.  low, high: between
+    which 95 % of the surface lies.  steepness: gradient of the relief that a twentieth exceeds.
+    turn: how the map fits the charts best, `as it is` where it cannot be told.
+    """
+
+    udim: int
+    file: str
+    width: int
+    height: int
+    kind: str
+    channels: int
+    levels: int | None
+    bits: int | None
+    step: float
+    noise: float
+    blocks: float
+    midlevel: float
+    outside: float | None
+    low: float
+    middle: float
+    high: float
+    steepness: float
+    turn: str
+
+    @property
+    def depth(self) -> float:
+        """Between what 95 % of the surface lies."""
+        return self.high - self.low
+
+    @property
+    def flat(self) -> bool:
+        """Whether there is no relief on the surface."""
+        return self.depth <= 1.5 * self.step if self.levels is not None else self.depth == 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class ScanCheck:
+    """A scan on its mesh, and the findings about it.
+
+    unit: of the mesh.  settings: what the caller said of the scan.
+    """
+
+    scan: Scan
+    mesh: Mesh
+    unit: str
+    settings: ScanSettings
+
+    @cached_property
+    def maps(self) -> tuple[MapFacts, ...]:
+        """The facts of each map, by UDIM."""
+        samples = SurfaceSamples.of(self.mesh)
+        return tuple(self._facts(udim, samples) for udim in self.scan.maps)
+
+    @cached_property
+    def seams(self) -> SeamFacts | None:
+        """How far the two sides of seams differ; None without seams that maps lie on."""
+        return SeamFacts.of(self.mesh, self.scan)
+
+    def warnings(self) -> tuple[InputWarning, ...]:
+        """What is probably wrong, map by map, then of the seams."""
+        return (*(w for one in self.maps for w in self._of_map(one)), *self._of_seams())
+
+    def figures(self) -> dict[str, Any]:
+        """All findings, for JSON; lengths in mesh units."""
+        return {
+            "scale": list(self.scan.scales),
+            "maps": [{**asdict(one), "depth": one.depth, "flat": one.flat} for one in self.maps],
+            "seams": None if self.seams is None else asdict(self.seams),
+        }
+
+    def rows(self) -> list[tuple[str, str, str]]:
+        """The rows of the table of `rhytid check`: a finding, how much, and where."""
+        found = [row for one in self.maps for row in self._rows_of(one)]
+        seams = self.seams
+        if seams is not None:
+            differ = f"{self._named(seams.rms)} rms, {100 * seams.share:.0f} % of the relief there"
+            at = ", ".join(f"{x:.4g}" for x in seams.at)
+            found.append(("scan, seams differ", differ, f"most at ({at})"))
+        return found
+
+    def _rows_of(self, one: MapFacts) -> Iterator[tuple[str, str, str]]:
+        name = f"scan {one.udim}"
+        channels = "" if one.channels == 1 else f", {one.channels} bands"
+        size = f"{one.width} x {one.height} texels of {one.kind}{channels}"
+        yield name, size, PurePath(one.file).name
+        levels = "continuous" if one.levels is None else f"{one.levels} different"
+        bits = "" if one.bits is None else f" ({one.bits} bits)"
+        step, noise = self._named(one.step), self._named(one.noise)
+        yield f"{name}, values", f"{levels}{bits}, step {step}, noise below {noise}", ""
+        low, high = self._named(one.low), self._named(one.high)
+        steep = f"a twentieth steeper than {one.steepness:.2g}"
+        yield f"{name}, relief", f"95 % from {low} to {high}, {steep}", ""
+        outside = "of no one value" if one.outside is None else f"{one.outside:.4g}"
+        yield f"{name}, midlevel", f"{one.midlevel:.4g}, outside of the charts {outside}", ""
+        yield f"{name}, blocks of JPEG", f"{one.blocks:.2f} times as within", ""
+        yield f"{name}, lies", one.turn, ""
+
+    def _facts(self, udim: int, samples: SurfaceSamples) -> MapFacts:
+        map = self.scan.maps[udim]
+        first, covered = map.channels[0], charts(self.mesh, udim)
+        heights, steepness = samples.heights(self.scan, udim)
+        low, middle, high = _percentiles(heights, (_ENDS[0], 50.0, _ENDS[1]))
+        levels, between, bits = _levels(first)
+        scale = abs(self.scan.scales[0])
+        noise = np.hypot.reduce([_noise(c) * s for c, s in zip(
+            map.channels, self.scan.scales, strict=True)])  # fmt: skip
+        outside = Background.of(first, covered)
+        return MapFacts(
+            udim, map.name, map.shape[1], map.shape[0], map.kind, len(map.channels), levels, bits,
+            between * scale, float(abs(noise)), _blocks(first), self.scan.midlevels[udim][0],
+            None if outside.is_fill else outside.value, low, middle, high,
+            _percentiles(steepness, (95.0,))[0], best_turn(first, covered),
+        )  # fmt: skip
+
+    def _of_map(self, one: MapFacts) -> Iterator[InputWarning]:
+        where = f"{one.file}, UDIM {one.udim}"
+        if one.flat:
+            yield InputWarning(SCAN_FLAT, "the map is flat where the mesh is: no relief", where)
+        else:
+            yield from self._of_depth(one, where)
+            yield from self._of_values(one, where)
+        yield from self._of_midlevel(one, where)
+        if one.turn != _AS_IT_IS:
+            flip = _FLIPS.get(one.turn)
+            back = "turn the map" if flip is None else f"--flip {flip} turns it over"
+            detail = (
+                f"what lies in the map fits the charts of the mesh better turned, {one.turn}: "
+                f"relief lies in the wrong places; {back}, if it is not the UV of the mesh"
+            )
+            yield InputWarning(SCAN_MIRRORED, detail, where)
+
+    def _of_depth(self, one: MapFacts, where: str) -> Iterator[InputWarning]:
+        length = millimetres(self.unit)
+        depth = None if length is None else one.depth * length
+        steep = one.steepness > STEEPEST
+        if not steep and (depth is None or SHALLOWEST <= depth <= DEEPEST):
+            return
+        deep = f"95 % of it is {_length(one.depth if depth is None else depth, depth is None)} deep"
+        if steep:
+            deep += f", and a twentieth of it is steeper than {one.steepness:.2g} to 1"
+        rule = f"relief of skin is {SHALLOWEST:g} to {DEEPEST:g} mm deep"
+        detail = f"{deep}; {rule}: {self._other_scale(depth, one.steepness)}"
+        yield InputWarning(SCAN_DEPTH, detail, where)
+
+    def _other_scale(self, depth: float | None, steepness: float) -> str:
+        """A question that names the unit that the scale may be in."""
+        unit = self.settings.unit or self.unit
+        given = millimetres(unit)
+        if depth is None or given is None:
+            return "is the scale right?"
+        usual = float(np.sqrt(SHALLOWEST * DEEPEST))
+        times = {name: MILLIMETRES[name] / given for name in MESH_UNITS}
+        would = {name: depth * factor for name, factor in times.items()}
+        fits = [
+            name
+            for name, factor in times.items()
+            if factor != 1.0
+            and SHALLOWEST <= would[name] <= DEEPEST
+            and (steepness <= STEEPEST or factor < 1.0)
+        ]
+        fits.sort(key=lambda name: abs(np.log(would[name] / usual)))
+        if not fits:
+            return f"is the scale, in {unit}, right?"
+        return f"is the scale in {fits[0]}, not in {unit}? Then it is {_length(would[fits[0]])}"
+
+    def _of_values(self, one: MapFacts, where: str) -> Iterator[InputWarning]:
+        if one.levels is not None and one.levels <= FEW_LEVELS:
+            step = self._named(one.step)
+            whole = one.bits is not None and one.bits <= 8
+            few = "8 bits" if whole else f"{one.levels} of its values alone"
+            detail = (
+                f"it has {few}, in steps of {step}: slopes come in terraces, and what is finer is "
+                "noise; export 16 bits or floats"
+            )
+            yield InputWarning(SCAN_BITS, detail, where)
+        if one.blocks > BLOCK_RATIO:
+            detail = (
+                "squares of 8 x 8 texels stand out, as JPEG leaves them: differences across their "
+                f"borders are {one.blocks:.2g} times those within; export PNG, TIFF or EXR"
+            )
+            yield InputWarning(SCAN_BLOCKS, detail, where)
+
+    def _of_midlevel(self, one: MapFacts, where: str) -> Iterator[InputWarning]:
+        """Where the whole surface is moved, or the value outside of the charts is another."""
+        if one.flat and one.middle == 0.0:
+            return
+        off = not one.low - 1.5 * one.step <= 0.0 <= one.high + 1.5 * one.step
+        scale = self.scan.scales[0]
+        stands = one.midlevel + one.middle / scale
+        moved = f"the whole surface moves by {self._named(one.middle)}"
+        if off:
+            detail = f"{moved}: the midlevel is {one.midlevel:.4g}, the middle value {stands:.4g}"
+            yield InputWarning(SCAN_MIDLEVEL, detail, where)
+        elif one.outside is not None and abs(one.outside - one.midlevel) * abs(scale) > max(
+            0.1 * one.depth, 1.5 * one.step
+        ):
+            detail = (
+                f"outside of the charts the map is {one.outside:.4g}, the midlevel is "
+                f"{one.midlevel:.4g}: the surface moves by "
+                f"{self._named((one.outside - one.midlevel) * scale)} where nothing is meant"
+            )
+            yield InputWarning(SCAN_MIDLEVEL, detail, where)
+
+    def _of_seams(self) -> Iterator[InputWarning]:
+        found = self.seams
+        if found is None or found.share <= SEAM_SHARE:
+            return
+        x, y, z = (f"{one:.4g}" for one in found.at)
+        (u, v), (s, t) = found.uv
+        detail = (
+            f"the two sides of UV seams differ by {self._named(found.rms)} (rms), "
+            f"{100 * found.share:.0f} % of how much the relief varies there: seams will show"
+        )
+        place = f"worst at ({x}, {y}, {z}), uv ({u:.3f}, {v:.3f}) and ({s:.3f}, {t:.3f})"
+        yield InputWarning(SCAN_SEAMS, detail, place)
+
+    def _named(self, length: float) -> str:
+        """A length in millimetres, or in mesh units of no known length."""
+        factor = millimetres(self.unit)
+        return _length(length if factor is None else length * factor, factor is None)
+
+
+@dataclass(frozen=True)
+class SeamFacts:
+    """How far the two sides of UV seams differ.
+
+    rms: of the differences, mesh units.  share: of them to the standard deviation of the heights
+    along seams.  at, uv: the place where they differ most, in the space of the file and on both
+    sides in UV.
+    """
+
+    rms: float
+    share: float
+    at: tuple[float, float, float]
+    uv: tuple[tuple[float, float], tuple[float, float]]
+
+    @classmethod
+    def of(cls, mesh: Mesh, scan: Scan) -> SeamFacts | None:
+        """That of a scan; None where no seam has maps on both sides, or no relief."""
+        seams = Seams.of(mesh)
+        heights = seams.heights(scan)
+        apart = heights[..., 0] - heights[..., 1]
+        known = np.isfinite(apart)
+        if not known.any():
+            return None
+        spread = float(np.nanstd(heights[known]))
+        rms = float(np.sqrt(np.mean(apart[known] ** 2)))
+        if spread == 0.0:
+            return None
+        worst = np.unravel_index(np.nanargmax(np.abs(apart)), apart.shape)
+        uv, space = seams.places
+        x, y, z = add_centre(space[worst], mesh.centre).tolist()
+        (u, v), (s, t) = uv[worst].tolist()
+        return cls(rms, rms / spread, (x, y, z), ((u, v), (s, t)))
+
+
+def _levels(channel: Codes) -> tuple[int | None, float, int | None]:
+    """How many different values there are, the step between them, and the bits that such steps need
+    over the full range, of floats over what they use.
+
+    Of continuous floats no levels, the step of their type, and no bits.
+    """
+    size = full_range(channel)
+    if channel.dtype.kind == "u":
+        counts = np.zeros(size + 1, np.int64)
+        for start in range(0, len(channel), _LINES):  # as it takes 8 bytes a texel
+            part = channel[start : start + _LINES].reshape(-1)
+            counts += np.bincount(part, minlength=size + 1)
+        used = np.flatnonzero(counts)
+        gap = int(np.gcd.reduce(np.diff(used))) if len(used) > 1 else 1
+        return len(used), gap / size, (size // gap).bit_length()
+    every = max(int(np.sqrt(channel.size / _VALUES)), 1)
+    some = channel[::every, ::every].reshape(-1)
+    values = np.unique(some).astype(np.float64)
+    if len(values) * _REPEATED > len(some):
+        return None, float(np.spacing(np.abs(some).max())), None
+    step = float(np.median(np.diff(values))) if len(values) > 1 else 0.0
+    return len(values), step, (len(values) - 1).bit_length()
+
+
+def _noise(channel: Codes) -> float:
+    """Standard deviation of what a plane through the neighbours of a texel leaves, as values.
+
+    The mask is 1 -2 1 both ways, which no plane passes; the median of its absolute values is taken
+    for that of a normal distribution (Immerkaer 1996, with a median for the mean).
+    """
+    height = len(channel)
+    starts = np.unique(np.linspace(0, height - 3, min(_LINES, height - 2)).astype(np.int64))
+    a, b, c = (channel[starts + k].astype(np.float64) for k in range(3))
+    down = a - 2.0 * b + c
+    both = down[:, :-2] - 2.0 * down[:, 1:-1] + down[:, 2:]
+    size = np.abs(both[both != 0.0])
+    return float(np.median(size)) / 0.6745 / 6.0 / full_range(channel) if size.size else 0.0
+
+
+def _blocks(channel: Codes) -> float:
+    """The mean difference across borders of 8 x 8 texels over the median of those within, the
+    larger of both directions; 1 where nothing varies."""
+    return max(_blocks_along(channel), _blocks_along(channel.T))
+
+
+def _blocks_along(channel: NDArray[Any]) -> float:
+    rows = np.unique(np.linspace(0, len(channel) - 1, _LINES).astype(np.int64))
+    steps = np.abs(np.diff(channel[rows].astype(np.float64), axis=1))
+    count = steps.shape[1] // _BLOCK
+    if count < _BLOCK:
+        return 1.0
+    mean = steps[:, : count * _BLOCK].reshape(len(rows), count, _BLOCK).mean(axis=(0, 1))
+    within = float(np.median(mean[:-1]))
+    return float(mean[-1]) / within if within > 0.0 else 1.0
+
+
+def best_turn(channel: Codes, covered: Mask) -> str:
+    """How a map must be turned for what varies in it to lie in the charts, by name in TURNS.
+
+    covered: as `charts` has it. `as it is` where no turn is better by FLIP_MARGIN, or the map
+    varies alike everywhere. Where the charts are their own mirror image, the first that fits is
+    named.
+    """
+    amount = _amount(channel)
+    middles = ((np.arange(len(amount)) + 0.5) * SIDE / len(amount)).astype(np.int64)
+    inside = covered[middles[:, None], middles]
+    if amount.std() == 0.0 or inside.all() or not inside.any():
+        return _AS_IT_IS
+    fits = {name: _match(_turned(amount, *turn), inside) for name, turn in TURNS.items()}
+    best = max(fits.values())
+    if best < FLIP_MATCH or best - fits[_AS_IT_IS] < FLIP_MARGIN:
+        return _AS_IT_IS
+    return next(name for name, fit in fits.items() if fit > best - 0.25 * FLIP_MARGIN)
+
+
+def _turned(cells: FloatArray, quarters: int, mirrored: bool) -> FloatArray:
+    found = np.rot90(cells, quarters)
+    return found[:, ::-1] if mirrored else found
+
+
+def _match(amount: FloatArray, covered: Mask) -> float:
+    return float(np.corrcoef(amount.reshape(-1), covered.reshape(-1))[0, 1])
+
+
+def _amount(channel: Codes) -> FloatArray:
+    """(S, S) how much a map varies within a cell, as a logarithm; cells of _TEXELS texels a side or
+    more, SIDE of them at most."""
+    side = max(min(SIDE, min(channel.shape) // _TEXELS), 2)
+    within = np.arange(side)[:, None] + np.arange(_TEXELS) / _TEXELS
+    every, columns = ((within * n / side).astype(np.int64) for n in channel.shape)
+    low, high = np.full((side, side), np.inf), np.full((side, side), -np.inf)
+    for rows in every.T:
+        part = channel[rows[:, None, None], columns[None]].astype(np.float64)
+        low, high = np.minimum(low, part.min(axis=2)), np.maximum(high, part.max(axis=2))
+    found = high - low
+    most = float(np.quantile(found, 0.95))
+    floor = 0.5 if channel.dtype.kind == "u" else max(1e-3 * most, np.finfo(np.float64).tiny)
+    amount: FloatArray = np.log(found + floor)
+    return amount
+
+
+def _percentiles(values: FloatArray, at: tuple[float, ...]) -> list[float]:
+    found: list[float] = np.percentile(values, at).tolist() if values.size else [0.0 for _ in at]
+    return found
+
+
+def _length(value: float, in_units: bool = False) -> str:
+    return f"{value:.2g} units" if in_units else f"{value:.2g} mm"
