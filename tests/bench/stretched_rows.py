@@ -27,7 +27,7 @@ from rhytid.support.settings import ServiceSettings
 from rhytid.synthesis.generate import synthesize
 from rhytid_lab.bench.skin import Skin
 from rhytid_lab.contact_sheets import GRAZING, STEEP
-from rhytid_lab.samples.grids import grid_faces
+from rhytid_lab.samples.grids import flat_sheet
 
 REGIONS = ("cheek", "forehead")
 STRETCHES = ((1.3, 0.85), (0.7, 1.0))
@@ -38,16 +38,6 @@ CAPTION = (
     "10 mm of skin on a flat sheet, at rest and stretched evenly: (across, along) in brackets. "
     "Each region under light from the upper left at 45 and at 15 degrees, all in one scale."
 )
-
-
-def flat_sheet() -> Mesh:
-    """The square around the origin, facing +z."""
-    line = np.linspace(-0.5, 0.5, QUADS + 1)
-    x, y = np.meshgrid(line, line)
-    flat = np.stack([x.ravel(), y.ravel()], axis=1)
-    positions = np.concatenate([SIDE * flat, np.zeros((len(flat), 1))], axis=1)
-    faces = grid_faces(QUADS)
-    return Mesh(positions.astype(np.float32), faces, 0.5 + 0.96 * flat, faces)
 
 
 def skin_of(device: Device, mesh: Mesh, region: str) -> Skin:
@@ -88,7 +78,7 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--device")
     arguments = parser.parse_args()
-    device, mesh = open_device(ServiceSettings(), arguments.device), flat_sheet()
+    device, mesh = open_device(ServiceSettings(), arguments.device), flat_sheet(SIDE, QUADS)
     rows = []
     for region in REGIONS:
         skin = skin_of(device, mesh, region)

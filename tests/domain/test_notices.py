@@ -16,6 +16,7 @@ from rhytid.domain.notices import (
     LARGE_WRINKLES,
     build_notice,
     grain_notice,
+    preset_notice,
     spacing_of_count,
     texel_notice,
 )
@@ -133,3 +134,20 @@ def test_notices_of_the_same_settings_are_worded_once(monkeypatch: pytest.Monkey
         assert grain_notice(settings, 31.0)
         assert texel_notice(settings, 31.0, 0.05)
     assert len(worded) == 4
+
+
+def test_a_preset_tells_what_else_it_changed() -> None:
+    before = AssetSettings.parse({"response": {"folds": 0.5}, "shape": {"grain": 0.05}})
+    sent = {"preset": "best", "shape": {"grain": 0.04}}
+    (notice,) = preset_notice(before, before.changed(sent), sent)
+    assert notice.code == "preset-set"
+    assert "these too: response.folds is 1.0, was 0.5. To keep one" in notice.detail
+    assert preset_notice(before, before.changed({"depth": 0.1}), {"depth": 0.1}) == ()
+
+
+def test_a_preset_that_changes_nothing_else_is_not_told() -> None:
+    usual, sent = AssetSettings(), {"preset": "paper", "bins": {"tilt": False}}
+    assert preset_notice(usual, usual.changed({"preset": "best"}), {"preset": "best"}) == ()
+    (notice,) = preset_notice(usual, usual.changed(sent), sent)
+    assert "shape.cushion is 0.0, was 0.7" in notice.detail
+    assert "bins.tilt" not in notice.detail

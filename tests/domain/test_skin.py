@@ -104,6 +104,7 @@ def test_coarse_regions_are_these() -> None:
         "lip": (1.6, 1.1, 0.6, 1.5, 0.9, 0.35, 0.7),
         "eye_corner": (1.5, 1.2, 0.8, 1.8, 0.85, 0.5, 0.8),
         "neck": (0.8, 1.1, 1.0, 1.0, 1.0, 0.7, 1.2),
+        "mouth": (0.6, 1.85, 0.65, 0.9, 1.25, 1.1, 1.2),
     }
     found = regions("coarse")
     for name, figures in wanted.items():
@@ -114,6 +115,9 @@ def test_coarse_regions_are_these() -> None:
     assert {n: r.old for n, r in found.items()} == old
     others = (found["lip"].bend, found["lip"].patchiness, found["neck"].bend)
     assert others == (0.6, 0.6, 0.5)
+    patchiness = {n: found[n].patchiness for n in ("forehead", "nose", "eye_corner", "neck")}
+    assert patchiness == {"forehead": 2.6, "nose": 0.9, "eye_corner": 1.2, "neck": 3.3}
+    assert (found["neck"].leading, found["mouth"].leading) == (1.2, 0.55)
     assert regions("fine") is REGIONS
 
 

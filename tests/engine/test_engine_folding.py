@@ -52,6 +52,17 @@ def test_percentiles_are_those_of_the_mesh(engine):
     assert engine.frames.info(asset, "folded").log_stretch == one
 
 
+def test_a_preset_tells_in_its_answer_alone_that_it_set_folds_anew(engine):
+    asset = built(engine, new_asset(unit="1.5cm", preset="best"))
+    answers = [
+        engine.assets.change(asset, change)
+        for change in ({"response": {"folds": 0.25}}, {"preset": "best"}, {"depth": 0.5 * DEPTH})
+    ]
+    details = [[n.detail for n in a.notices if n.code == "preset-set"] for a in answers]
+    assert [len(found) for found in details] == [0, 1, 0]
+    assert "response.folds is 1.0, was 0.25" in details[1][0]
+
+
 def test_folds_are_of_frames_and_change_no_elements(device):
     """So that a PATCH of them, of any number of wrinkles, is quick."""
     asset = DeviceAsset(device, sheet(), settings_of(preset="best").resolved(0.1))

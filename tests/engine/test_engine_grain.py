@@ -143,7 +143,7 @@ def test_grain_and_undulation_are_as_patchy_as_pores_say(
 ):
     """In waves of the lines, which the graph says where the unit has no known length."""
     mesh, lines = sheet(n=6), random_graph(5, 400)
-    amount = np.random.default_rng(2).uniform(0.0, 3.5, len(lines.node_uv)).astype(np.float32)
+    amount = np.random.default_rng(2).uniform(0.0, 5.0, len(lines.node_uv)).astype(np.float32)
     none = {"edge_weight": 0 * lines.edge_weight, "node_weight": 0 * lines.node_weight}
     origin = GraphOrigin(unit, patch_size=wave)
     lines = replace(lines, node_patchiness=amount, origin=origin, **none)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from reference.inputs import Array, Indices
 
 # A code, where swells differ by region or patch and where they do not.
-UNEVEN_STEP, STEP = 1 / 20, 1 / 32
+UNEVEN_STEP, STEP = 1 / 16, 1 / 32
 CELLS = 2  # of the noise to a wave: half of its power is in waves of 1.9 cells and longer
 TURN = np.array([[0.0, 0.8, 0.6], [-0.8, 0.36, -0.48], [-0.6, -0.48, 0.64]])
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
 from rhytid.domain.lengths import GRAIN, SKIN, millimetres
+from rhytid.domain.setting_fields import leaves
 from rhytid.domain.skin import depth_factor
 from rhytid.domain.warnings import Meaning
 
 GRAIN_NOT_DRAWN = "grain-not-drawn"
 FEW_TEXELS = "few-texels"
 LARGE_BUILD = "large-build"
+PRESET_SET = "preset-set"
 # few-texels: texels between pores from which on they are told apart.
 TEXELS_BETWEEN = 4.0
 # large-build: wrinkles beyond which more than a head may have been asked for. A face has about half
@@ -97,6 +102,28 @@ def build_notice(wrinkles: int) -> tuple[Notice, ...]:
     return (Notice(LARGE_BUILD, detail),)
 
 
+def preset_notice(
+    before: AssetSettings, after: AssetSettings, sent: Mapping[str, Any]
+) -> tuple[Notice, ...]:
+    """A notice where a preset that was sent changed other settings than were sent with it.
+
+    sent: the changes that lead from `before` to `after`, as nested as settings are.
+    """
+    if "preset" not in sent:
+        return ()
+    now, named = leaves(after.as_json()), leaves(sent)
+    former = leaves(before.as_json()).items()
+    changed = {n: value for n, value in former if n not in named and now[n] != value}
+    if not changed:
+        return ()
+    listed = [f"{n} is {_json(now[n])}, was {_json(value)}" for n, value in changed.items()]
+    detail = (
+        f"preset {after.preset} sets all of its keys anew, these too: {'; '.join(listed)}. To keep "
+        "one, send it beside the preset"
+    )
+    return (Notice(PRESET_SET, detail),)
+
+
 def spacing_of_count(settings: AssetSettings, distance: float) -> str:
     """A line about the lengths that follow where `graph.wrinkles` fixes how far apart pores are.
 
@@ -130,6 +157,10 @@ def _length(value: float, settings: AssetSettings) -> str:
     return f"{value * length:.3g} mm"
 
 
+def _json(value: Any) -> str:
+    return json.dumps(value)
+
+
 # What each code means, in the order of the docs.
 NOTICES: dict[str, Meaning] = {
     GRAIN_NOT_DRAWN: Meaning(
@@ -158,5 +189,10 @@ NOTICES: dict[str, Meaning] = {
             "mask the face: paint `density` 0 elsewhere; or raise `graph.spacing`. If all of it "
             "is wanted it may stay"
         ),
+    ),
+    PRESET_SET: Meaning(
+        "the change of an asset, in the answer to it alone",
+        "a preset was sent, and it changed settings that were not",
+        "to keep one as it was, send it beside the preset",
     ),
 }

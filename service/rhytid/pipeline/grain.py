@@ -45,7 +45,7 @@ CELLS = 2.0
 GRAIN = "grain"
 # Codes for the root mean square of the noise where texels carry all of it; the same where swells
 # differ by region or patch, and how many times as high as on even skin these are at most.
-CODES, UNEVEN_CODES, MOST_UNDULATION = 32.0, 20.0, 2.0
+CODES, UNEVEN_CODES, MOST_UNDULATION = 32.0, 16.0, 2.6
 # Of even skin, at the corners of a triangle: factor of the grain, patchiness.
 _EVEN = np.array([1.0] * 6 + [0.0] * 3, np.float32)
 # How many edges from a pore on its value is carried over vertices without any; beyond, the mean.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.mesh import Mesh
 from rhytid_lab.samples.fields import Field
 
 
@@ -25,6 +26,17 @@ def grid_faces(n: int) -> NDArray[np.int32]:
     first = np.where(rising, np.stack([a, b, c], -1), np.stack([a, b, d], -1))
     second = np.where(rising, np.stack([a, c, d], -1), np.stack([b, c, d], -1))
     return np.concatenate([first, second], axis=1).reshape(-1, 3)
+
+
+def flat_sheet(side: float, n: int) -> Mesh:
+    """A square of n² quads around the origin, `side` mesh units wide, that faces +z. It takes 0.96
+    of the UV square."""
+    line = np.linspace(-0.5, 0.5, n + 1)
+    x, y = np.meshgrid(line, line)
+    flat = np.stack([x.ravel(), y.ravel()], axis=1)
+    positions = np.concatenate([side * flat, np.zeros((len(flat), 1))], axis=1)
+    faces = grid_faces(n)
+    return Mesh(positions.astype(np.float32), faces, 0.5 + 0.96 * flat, faces)
 
 
 def rounded(x: Field, y: Field, amount: float) -> tuple[Field, Field]:

@@ -15,6 +15,7 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import GraphOrigin, WrinkleGraph
 from rhytid.domain.graph_geometry import Curves, graph_curves, with_triangles
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.notices import preset_notice
 from rhytid.domain.settings_changes import CHANGEABLE
 from rhytid.engine.assets.asset import Asset, AssetRegistry
 from rhytid.engine.assets.builder import AssetBuilder
@@ -94,10 +95,12 @@ class AssetService(Assets):
                 raise SettingsError(f"{key} is fixed once an asset is made: make a new one")
         with found.lock:
             found.check_ready()
-            settings = found.settings.changed(changes)
-            self._builder.change(found, settings.with_lengths(found.lengths))
+            before = found.settings
+            after = before.changed(changes).with_lengths(found.lengths)
+            self._builder.change(found, after)
         self._builder.prepare_bins(found)
-        return found.info()
+        info, notices = found.info(), preset_notice(before, after, changes)
+        return replace(info, notices=(*info.notices, *notices))
 
     def resized(self, asset: str, resolution: int) -> AssetInfo:
         """Create an asset of the skin of a ready one at another resolution: its mesh, wrinkles,
