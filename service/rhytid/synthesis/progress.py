@@ -71,10 +71,16 @@ def over_rows(count: int, task: Callable[[slice], None], each: int = _EACH) -> N
 
     Raises what the task raises, and what `cancellation.check` does between blocks.
     """
+    check = cancellation.current_check()
+
+    def run(rows: slice) -> None:
+        with cancellation.scope(check):
+            task(rows)
+
     blocks = [slice(first, min(first + each, count)) for first in range(0, count, each)]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         try:
-            for _ in pool.map(task, blocks):
+            for _ in pool.map(run, blocks):
                 cancellation.check()
         except BaseException:
             pool.shutdown(cancel_futures=True)
