@@ -140,11 +140,12 @@ class DartSelection:
         read, count = self._work.read, self.count
         found = read(self._kept.pores, (count, 8), np.int32)
         order = spatial_order(found[:, :3])
-        found = found[order]
+        position = self._lattice.positions(found[order, :3])
+        normal = unit(found[order, 4:7].view(np.float32))
+        del found
         triangle = read(self._kept.triangle, (count,), np.int32)[order]
         uv = read(self._kept.uv, (count, 2), np.float32)[order]
-        place, normal = found[:, :3], found[:, 4:7].view(np.float32)
-        return Points(triangle, uv, self._lattice.positions(place), unit(normal)), order
+        return Points(triangle, uv, position, normal), order
 
     def _thinned(self, darts: Throw, fitting: NDArray[np.int32]) -> NDArray[np.int32]:
         """The fitting darts that are kept when they come in the order of priority."""

@@ -145,7 +145,9 @@ class Paths:
         along, left (N, 3): the frame of each pore.  anisotropy (N,): how far walkers keep to it.
         lattice: of the places of pores.  length: mean of edges on even skin.
         """
-        ways = Incidence.of(work, work.upload(edges.nodes), len(edges), len(pores))
+        nodes = work.upload(edges.nodes)
+        ways = Incidence.of(work, nodes, len(edges), len(pores))
+        work.release(nodes)
         place = work.upload(lattice.places(pores.position))
         frame = work.upload(along), work.upload(left)
         direction = work.empty(2 * ways.entries, np.int16)
