@@ -132,3 +132,13 @@ def tangent(graph, row, end):
     way = root @ (ends[1 - end] - ends[end])
     there = np.linalg.solve(root, turned(way / np.linalg.norm(way), graph.edge_slopes[row, end]))
     return there / np.linalg.norm(there)
+
+
+def test_how_many_pores_are_paired_at_a_time_changes_no_bit(device, monkeypatch):
+    mesh, settings = folded(), GraphSettings(wrinkles=1500)
+    whole = synthesize(mesh, settings, device).graph.arrays()
+    monkeypatch.setattr("rhytid.synthesis.lines._PORES", 100)
+    parts = synthesize(mesh, settings, device).graph.arrays()
+    assert (whole["edge_partners"] >= 0).mean() > 0.3
+    for name, array in whole.items():
+        assert array.tobytes() == parts[name].tobytes(), name

@@ -89,6 +89,7 @@ def test_how_many_darts_are_thrown_at_a_time_changes_no_pore(
 ) -> None:
     whole = sheets.scattered(device, sheets.tube(), 0.03)
     monkeypatch.setattr("rhytid.synthesis.pores.BATCH", 1500)
+    monkeypatch.setattr("rhytid.synthesis.pores.MOST_AT_A_TIME", 1500)
     parts = sheets.scattered(device, sheets.tube(), 0.03)
     assert whole.position.tobytes() == parts.position.tobytes()
     assert whole.uv.tobytes() == parts.uv.tobytes()

@@ -72,9 +72,12 @@ def test_appeal_and_pull_are_the_formulas(device: Device) -> None:
     with Workspace(device) as work:
         paths = star(work)
         pull, appeal = (work.empty(2 * len(SPOKES), np.float32) for _ in range(2))
+        still = work.empty(1, np.float32)
+        work.run("trails", "pull_of_unworn", 1, 0.25, 1.2, still, defines=DEFINES)
         work.run(
-            "trails", "pull_of_edges", len(SPOKES), 0.25, 1.2, 8.0, 1.5, work.upload(strength),
-            work.upload(starts), work.upload(crossing), pull, defines=DEFINES,
+            "trails", "pull_of_edges", len(SPOKES), 0.25, 1.2, 8.0, 1.5, still,
+            work.upload(strength), work.upload(starts), work.upload(crossing), pull,
+            defines=DEFINES,
         )  # fmt: skip
         work.run(
             "trails", "appeal_of_ways", paths.pores, paths.ways.offsets, paths.direction,

@@ -13,27 +13,41 @@ inline bool too_close(int3 p, int3 q, float one, float other, float scale)
     return dot(d, d) < limit * limit;
 }
 
+// Pores are read as one line of the cache each: place, factor, normal, and the next of the list.
+inline int8 record_of(int3 place, float factor, float3 normal)
+{
+    return (int8)(place, as_int(factor), as_int3(normal), -1);
+}
+
+inline void keep_pore(int pore, int8 record, int cell, uint mask, __global int *head,
+                      __global int8 *pores)
+{
+    int3 at = record.s012 / cell;
+    record.s7 = atomic_xchg(head + bucket(at.x, at.y, at.z, mask), pore);
+    pores[pore] = record;
+}
+
 // room: 1 for a dart that no pore is too close to. scale: 1/radius. level: of a dart; where skin has
 // fewer pores, those of a higher level than one over the squared factor are none.
 __kernel void find_room(int first, int count, __global const int *triangle,
                         __global const int *place, __global const float *normal,
-                        __global const float *factor, __global const float *level,
-                        __global const int *pore_place, __global const float *pore_normal,
-                        __global const float *pore_factor, int cell, uint mask, __global const int *head, __global const int *next,
+                        __global const float *factor, __global const float *level, int cell,
+                        uint mask, __global const int *head, __global const int *pores,
                         float scale, __global uchar *room)
 {
     int i = first + get_global_id(0);
     if (i >= count)
         return;
-    int3 p = vload3(i, place), at = p / cell;
+    int3 p = vload3(i, place);
     float3 n = vload3(i, normal);
     bool hit = triangle[i] < 0 || level[i] * factor[i] * factor[i] >= 1.0f;
-    for (int z = at.z - 1; z <= at.z + 1 && !hit; z++)
-        for (int y = at.y - 1; y <= at.y + 1 && !hit; y++)
-            for (int x = at.x - 1; x <= at.x + 1 && !hit; x++)
-                for (int j = head[bucket(x, y, z, mask)]; j >= 0 && !hit; j = next[j])
-                    hit = too_close(p, vload3(j, pore_place), factor[i], pore_factor[j], scale) &&
-                          same_sheet(n, vload3(j, pore_normal));
+    around_t around = cells_around(p, cell);
+    FOR_NEAR(j, around, !hit, pores[8 * j + 7])
+    {
+        __global const int *pore = pores + 8 * j;
+        hit = too_close(p, vload3(0, pore), factor[i], as_float(pore[3]), scale) &&
+              same_sheet(n, as_float3(vload3(0, pore + 4)));
+    }
     room[i] = !hit;
 }
 
@@ -53,13 +67,14 @@ __kernel void decide_darts(int first, int count, __global const int *listed,
     int i = listed[k];
     uchar state = before[i];
     if (state == WAITING) {
-        int3 p = vload3(i, place), at = p / cell;
+        int3 p = vload3(i, place);
         float3 n = vload3(i, normal);
+        around_t around = cells_around(p, cell);
         state = KEPT;
-        FOR_POINTS(j, at - 1, at + 1)
+        FOR_NEAR(j, around, state != DROPPED, next[j])
         {
             bool earlier = priority[j] < priority[i] || (priority[j] == priority[i] && j < i);
-            if (earlier && state != DROPPED && before[j] != DROPPED &&
+            if (earlier && before[j] != DROPPED &&
                 too_close(p, vload3(j, place), factor[i], factor[j], scale) &&
                 same_sheet(n, vload3(j, normal)))
                 state = before[j] == KEPT ? DROPPED : WAITING;
@@ -74,17 +89,30 @@ __kernel void decide_darts(int first, int count, __global const int *listed,
 __kernel void take_darts(int first, int count, int from, __global const int *listed,
                          __global const int *triangle, __global const int *place,
                          __global const float *normal, __global const float2 *uv,
-                         __global const float *factor, __global int *pore_triangle,
-                         __global int *pore_place, __global float *pore_normal,
-                         __global float2 *pore_uv, __global float *pore_factor)
+                         __global const float *factor, int cell, uint mask, __global int *head,
+                         __global int8 *pores, __global int *pore_triangle,
+                         __global float2 *pore_uv)
 {
     int k = first + get_global_id(0);
     if (k >= count)
         return;
     int i = listed[k], pore = from + k;
     pore_triangle[pore] = triangle[i];
-    vstore3(vload3(i, place), pore, pore_place);
-    vstore3(vload3(i, normal), pore, pore_normal);
     pore_uv[pore] = uv[i];
-    pore_factor[pore] = factor[i];
+    keep_pore(pore, record_of(vload3(i, place), factor[i], vload3(i, normal)), cell, mask, head,
+              pores);
+}
+
+// Pores first..count, moved to other lists and arrays.
+__kernel void move_pores(int first, int count, __global const int8 *old,
+                         __global const int *old_triangle, __global const float2 *old_uv, int cell,
+                         uint mask, __global int *head, __global int8 *pores,
+                         __global int *pore_triangle, __global float2 *pore_uv)
+{
+    int i = first + get_global_id(0);
+    if (i >= count)
+        return;
+    pore_triangle[i] = old_triangle[i];
+    pore_uv[i] = old_uv[i];
+    keep_pore(i, old[i], cell, mask, head, pores);
 }

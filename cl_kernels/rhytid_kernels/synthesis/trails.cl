@@ -23,10 +23,19 @@ __kernel void lay_directions(int first, int count, __global const int *offsets,
     }
 }
 
-// How much each edge draws walkers now; those that cross worn ones the less.
+// What an edge that nobody walked on draws.
+__kernel void pull_of_unworn(int first, int count, float unworn, float draw, __global float *still)
+{
+    if (get_global_id(0) == 0)
+        *still = pow(unworn, draw);
+}
+
+// How much each edge draws walkers now; those that cross worn ones the less.  still: of edges that
+// nobody walked on, which are many: a power takes most of the time.
 __kernel void pull_of_edges(int first, int count, float unworn, float draw, float worn, float shy,
-                            __global const float *strength, __global const int *offsets,
-                            __global const int *crossing, __global float *pull)
+                            __global const float *still, __global const float *strength,
+                            __global const int *offsets, __global const int *crossing,
+                            __global float *pull)
 {
     int e = first + get_global_id(0);
     if (e >= count)
@@ -34,7 +43,8 @@ __kernel void pull_of_edges(int first, int count, float unworn, float draw, floa
     float across = 0.0f, s = strength[e];
     for (int k = offsets[e]; k < offsets[e + 1]; k++)
         across += strength[crossing[k]];
-    pull[e] = pow(unworn + s / (1.0f + s / worn), draw) / (1.0f + shy * across);
+    float drawn = s == 0.0f ? *still : pow(unworn + s / (1.0f + s / worn), draw);
+    pull[e] = drawn / (1.0f + shy * across);
 }
 
 // Where a family's lines run at a pore, against the main ones: beyond 1, anisotropy swings them

@@ -70,14 +70,15 @@ class GraphParts:
     seed: int
     events: Events | None = None
 
-    def graph(self, progress: Progress) -> WrinkleGraph:
-        """The graph: pores and lines with sizes and weights, and copies of those that reach over a
-        seam. Nodes beyond a border are as large as their pore and are not drawn."""
+    def arrays(self, progress: Progress) -> Arrays:
+        """The arrays of the graph: pores and lines with sizes and weights, and copies of those that
+        reach over a seam. Nodes beyond a border are as large as their pore and are not drawn."""
         ground, pores, lines, fields = self.ground, self.pores, self.lines, self.ground.fields
         weight, factor, half_width, width = self._sizes_of_lines(progress)
         progress(0.4, "shapes")
-        drawn_strength = weight[lines.copy_of == ORIGINAL]
+        drawn_strength = weight[: lines.whole].copy()
         _scale(weight, factor)
+        del factor
         depth, metric, radius = self._shapes_of_pores(drawn_strength, progress)
         progress(0.8, "shapes")
         none = np.zeros(len(lines.owner), np.float32)
@@ -91,7 +92,9 @@ class GraphParts:
             "node_radius": np.concatenate([radius, radius[lines.owner]]),
             "node_metric": np.concatenate([metric, metric[lines.owner]]),
             "node_triangle": np.concatenate([pores.triangle, pores.triangle[lines.owner]]),
-            "node_copy_of": np.concatenate([np.full(len(pores), ORIGINAL), lines.stands_for]),
+            "node_copy_of": np.concatenate(
+                [np.full(len(pores), ORIGINAL, np.int32), lines.stands_for]
+            ),
             "edge_nodes": lines.nodes,
             "edge_weight": weight,
             "edge_half_width": half_width,
@@ -106,7 +109,7 @@ class GraphParts:
             arrays = self.events.added_to(arrays)
         least = self.spacing * min(fields.least_spacing, _CLOSEST)
         arrays = with_copies(arrays, ground.surface, self.borders, least)
-        return WrinkleGraph(**arrays, **_of_nodes(arrays, beside), origin=None)
+        return arrays | _of_nodes(arrays, beside)
 
     def _beside(self) -> dict[str, NDArray[np.float32]]:
         """Factors of nodes by name: of pores, of nodes beyond a border, then of events."""
@@ -127,14 +130,13 @@ class GraphParts:
         ranks, lines, position = self.strengths.ranks, self.lines, self.pores.position
         if ranks is None:
             return {}
-        first = np.flatnonzero(lines.copy_of == ORIGINAL)
+        first, second = slice(0, lines.whole), slice(lines.whole, None)
         pores = lines.pores[first]
         length = np.linalg.norm(position[pores[:, 1]] - position[pores[:, 0]], axis=1)
         mass = length * weight[first] * width[first]
         share = np.empty(len(weight), np.float32)
         strips = Strips(lines.edge[first], pores, weight[first], mass, position, self.spacing)
         share[first] = ranks.shares(strips)
-        second = np.flatnonzero(lines.copy_of != ORIGINAL)
         share[second] = share[lines.copy_of[second]]
         return {"edge_share": share}
 
@@ -154,7 +156,7 @@ class GraphParts:
         size[self.strengths.hubs] *= np.float32(shapes.HUB)
         size *= fields.pore_radius(pores.triangle, pores.uv)
         progress(0.6, "shapes")
-        first = lines.copy_of == ORIGINAL
+        first = slice(0, lines.whole)
         relative = size / np.float32(fields.usual_pore_radius)
         meeting = self.strengths.usual.meeting
         depth = shapes.pore_weights(
@@ -206,9 +208,21 @@ class GraphParts:
                 factor[rows] *= weight[rows] ** (fields.contrast(triangle, middle) - 1.0)
             if ranks is not None:
                 factor[rows] *= ranked.factor
-        second = np.flatnonzero(lines.copy_of != ORIGINAL)
+        second = slice(lines.whole, None)
         factor[second] = factor[lines.copy_of[second]]  # both halves across a seam are one wrinkle
         return weight, factor, half_width, wide
+
+
+def graph_of(arrays: Arrays) -> WrinkleGraph:
+    """The graph of its arrays, which are taken out of `arrays` one by one, so that no more than one
+    is there twice: a graph has a copy of what somebody else could change."""
+    found = {}
+    for name in list(arrays):
+        array = np.ascontiguousarray(arrays.pop(name))
+        if array.size:
+            array = np.frombuffer(array.tobytes(), array.dtype).reshape(array.shape)
+        found[name] = array
+    return WrinkleGraph(**found, origin=None)
 
 
 def _of_nodes(arrays: Arrays, every: dict[str, NDArray[np.float32]]) -> Arrays:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.skin import WHOLE_FACE
-from rhytid.synthesis.progress import Progress, row_blocks
+from rhytid.synthesis.progress import Progress, over_rows
 from rhytid.synthesis.surface import FloatArray, Points, unit
 
 Factors = NDArray[np.float32]
@@ -147,8 +147,9 @@ class Directions:
         turn = self._fields.turn(points.triangle, points.uv).astype(np.float32)
         bend = self._fields.bend(points.triangle, points.uv).astype(np.float32)
         along, left = (np.empty((len(points), 3), np.float32) for _ in range(2))
-        for rows in row_blocks(len(points)):
-            progress(rows.start / len(points), "directions")
+        progress(0.0, "directions")
+
+        def lay(rows: slice) -> None:
             angle = turn[rows] + bend[rows] * self._bend(points.position[rows])
             cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
             normal = points.normal[rows].astype(np.float64)
@@ -156,6 +157,8 @@ class Directions:
             beside = np.cross(normal, level)
             along[rows] = cosine * level + sine * beside
             left[rows] = cosine * beside - sine * level
+
+        over_rows(len(points), lay)
         return along, left
 
     def _bend(self, position: FloatArray) -> NDArray[np.float32]:

@@ -16,7 +16,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Controls
 from rhytid.domain.skin import COARSE
 from rhytid.errors import MeshError
-from rhytid.synthesis.assembly import EdgeStrengths, GraphParts
+from rhytid.synthesis.assembly import EdgeStrengths, GraphParts, graph_of
 from rhytid.synthesis.candidate_graph import CandidateGraph, Cut, Ground, priorities
 from rhytid.synthesis.capacity import check_drawn, check_radius, wrinkles_in_all
 from rhytid.synthesis.events import Events, events_of
@@ -120,11 +120,16 @@ def synthesize(
         skin, cut = _skin(ground, plain if uneven else fields, settings, part(report, 0.0, 0.94))
         distance = mean_spacing(work, skin.net.pores)[0] * surface.scale
         events = events_of(surface, fields, settings, skin.spacing, unit)
-        graph = skin.drawn(ground, borders, cut, settings.start, part(report, 0.95, 1.0), events)
+        shaping, spacing = part(report, 0.95, 1.0), skin.spacing
+        parts = skin.drawn(ground, borders, cut, settings.start, shaping, events)
+        del skin  # most of its memory is needed for the arrays of the graph
+        arrays = parts.arrays(part(shaping, 0.1, 1.0))
+        del parts
+        graph = graph_of(arrays)
     if patches is not None and unit is not None and millimetres(unit) is None:
         graph = replace(graph, origin=GraphOrigin(unit, patch_size=patches.size))
     report(1.0, "shapes")
-    lengths = Lengths.of(skin.spacing * surface.scale, settings.age)
+    lengths = Lengths.of(spacing * surface.scale, settings.age)
     return Synthesis(graph, lengths, distance, surface.stretched)
 
 
@@ -177,15 +182,14 @@ class Skin:
         seed: int,
         progress: Progress,
         events: Events | None = None,
-    ) -> WrinkleGraph:
-        """The graph of the edges down to `cut`, in spatial order."""
+    ) -> GraphParts:
+        """The parts of a graph of the edges down to `cut`, in spatial order."""
         progress(0.0, "shapes")
         chosen = np.flatnonzero(cut.draws(self.net.edges, self.priority)).astype(np.int32)
         lines = draw(ground, self.net, borders, chosen, self.spacing)
-        parts = GraphParts(
+        return GraphParts(
             ground, self.net.pores, lines, borders, self.strengths, self.spacing, seed, events
         )
-        return parts.graph(part(progress, 0.1, 1.0))
 
 
 def _grown_to_count(

@@ -89,6 +89,13 @@ def spatial_order(places: NDArray[np.int32]) -> NDArray[np.intp]:
     return order
 
 
+def empty_lists(work: Workspace, points: int) -> tuple[np.uint32, Buffer]:
+    """The mask of the numbers of lists for about so many points, and the first of each list, -1 for
+    none."""
+    lists = 2 << max(points, 64).bit_length()
+    return np.uint32(lists - 1), work.full(lists, np.int32(-1))
+
+
 @dataclass(frozen=True, eq=False)
 class Grid:
     """Lists, by cell, of the numbers of points.
@@ -104,9 +111,8 @@ class Grid:
     @classmethod
     def empty(cls, work: Workspace, cell: int, points: int, numbers: int | None = None) -> Grid:
         """Empty lists for about so many points, whose numbers are below `numbers`."""
-        lists = 1 << max(points, 64).bit_length()
-        head = work.full(lists, np.int32(-1))
-        return cls(cell, np.uint32(lists - 1), head, work.empty(numbers or points, np.int32))
+        mask, head = empty_lists(work, points)
+        return cls(cell, mask, head, work.empty(numbers or points, np.int32))
 
     @property
     def arguments(self) -> tuple[Any, ...]:

@@ -18,7 +18,7 @@ from rhytid.domain.graph import LEAST_SIZE, ORIGINAL, STEEPEST
 from rhytid.synthesis.candidate_graph import CandidateGraph, Ground
 from rhytid.synthesis.edges import DEFINES
 from rhytid.synthesis.incidence import Incidence
-from rhytid.synthesis.progress import row_blocks
+from rhytid.synthesis.progress import over_rows
 from rhytid.synthesis.seams.borders import NONE, Borders
 from rhytid.synthesis.seams.charts import BORDER, Halves, halves, side_at
 from rhytid.synthesis.shapes import WIDE, half_widths_uv
@@ -38,11 +38,14 @@ ON_OTHERS, ALONE = (0.6, 0.8), (0.0, 0.5)
 NOTHING = -1
 # What lines that go before others are heavier by: more than any weight.
 _BEFORE = np.float32(4.0)
+# Pores whose lines are paired at a time.
+_PORES = 1 << 21
 
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """W stored lines, and the S nodes that some of them need beyond a border.
+    """W stored lines, second halves of wrinkles last, and the S nodes that some of them need beyond
+    a border.
 
     edge (W,): the candidate edge that each line draws.  pores (W, 2): that it joins.  nodes (W, 2):
     that it ends at, pores first, then the nodes beyond a border from number N on.  step (W, 2):
@@ -64,6 +67,11 @@ class Lines:
     beyond: NDArray[np.float32]
     turn: FloatArray
 
+    @property
+    def whole(self) -> int:
+        """V, the number of wrinkles: so many lines are no second halves."""
+        return len(self.edge) - int(np.count_nonzero(self.copy_of != ORIGINAL))
+
 
 def draw(
     ground: Ground, net: CandidateGraph, borders: Borders, edge: Indices, spacing: float
@@ -83,18 +91,18 @@ def draw(
     step[split] = flat
     cut = split[~whole]
     step[cut] = _over_the_border(ground, pores, joined[cut], spacing)
-    nodes, count = joined.copy(), len(pores)
+    nodes, count = joined.copy() if len(split) else joined, len(pores)
     nodes[split, 1] = count + np.arange(len(split))
     # Of a cut one the other half, from the seam on to the other pore.
     back = -_over_the_border(ground, pores, joined[cut, ::-1], spacing)
     ends = np.stack([count + len(split) + np.arange(len(cut)), joined[cut, 1]], axis=1)
     return Lines(
-        np.concatenate([edge, edge[cut]]),
-        np.concatenate([joined, joined[cut]]),
-        np.concatenate([nodes, ends]).astype(np.int32),
-        np.concatenate([step, back.astype(np.float32)]),
-        np.concatenate([triangle, pores.triangle[joined[cut, 1]]]).astype(np.int32),
-        np.concatenate([np.full(len(edge), ORIGINAL), cut]).astype(np.int32),
+        _with(edge, edge[cut]),
+        _with(joined, joined[cut]),
+        _with(nodes, ends),
+        _with(step, back),
+        _with(triangle, pores.triangle[joined[cut, 1]]),
+        _with(np.full(len(edge), ORIGINAL, np.int32), cut),
         np.concatenate([owner, joined[cut, 1]]),
         np.concatenate([other, joined[cut, 0]]),
         np.concatenate([pores.uv[owner] + step[split], pores.uv[joined[cut, 1]] - back]).astype(
@@ -102,6 +110,11 @@ def draw(
         ),
         np.concatenate([turn, turn[~whole]]),
     )
+
+
+def _with(array: NDArray[Any], more: NDArray[Any]) -> NDArray[Any]:
+    """An array with more rows, in its own kind of numbers; itself without any."""
+    return np.concatenate([array, more.astype(array.dtype)]) if len(more) else array
 
 
 def _turned_to_middle(ground: Ground, pores: Points, nodes: Indices, split: IntArray) -> Halves:
@@ -186,100 +199,134 @@ def ends_of(
     others, or alone, has less there.  leads (W,): lines that continue one another before all
     others do. At a seam a line goes straight over to its other half.
     """
-    wholes = _WholeWrinkles.of(lines)
     before = weight if leads is None else weight + _BEFORE * leads
-    partner, slope = _paired(ground, pores, lines, wholes, before)
-    slopes = np.zeros((len(weight), 2), np.float32)
-    partners = np.full((len(weight), 2), NOTHING, np.int32)
-    slopes[wholes.row, wholes.place] = slope
-    of_end = wholes.row.ravel()[np.maximum(partner, 0)]
-    partners[wholes.row, wholes.place] = np.where(partner >= 0, of_end, partner)
-    both = np.flatnonzero(wholes.row[:, 0] != wholes.row[:, 1])
-    one, two = wholes.row[both].T
-    partners[one, 1], partners[two, 0] = two, one
+    slopes, partners = _paired(ground, pores, lines, before)
+    two = np.arange(lines.whole, len(weight), dtype=np.int32)
+    one = lines.copy_of[two]
+    slopes[two, 1], slopes[one, 1] = slopes[one, 1], 0.0
+    partners[two, 1], partners[one, 1], partners[two, 0] = partners[one, 1], two, one
     weights, widths = _at_ends(weight, partners, 0), _at_ends(width, partners, 1)
     for values in (weights, widths):  # halves meet with the mean of their pores' ends
         values[one, 1] = values[two, 0] = 0.5 * (values[one, 0] + values[two, 1])
-    return Ends(
-        slopes,
-        np.clip(weights, 0.0, 1.0),
-        np.clip(widths * (half_width / width)[:, None], np.float32(LEAST_SIZE), 1.0),
-        np.maximum(partners, NOTHING),
-    )
+    widths *= (half_width / width)[:, None]
+    np.clip(weights, 0.0, 1.0, out=weights)
+    np.clip(widths, np.float32(LEAST_SIZE), 1.0, out=widths)
+    np.maximum(partners, NOTHING, out=partners)
+    return Ends(slopes, weights, widths, partners)
 
 
 def _at_ends(values: Singles, partners: Indices, k: int) -> Singles:
     """(W, 2) values at ends: the mean of a line and its partner; without a partner, share `k` of
     the line's own."""
     found = np.empty(partners.shape, np.float32)
-    for rows in row_blocks(len(values)):
+
+    def find(rows: slice) -> None:
         own, other = values[rows, None], partners[rows]
         share = np.where(other == NOTHING, np.float32(ON_OTHERS[k]), np.float32(ALONE[k]))
         mean = np.float32(0.5) * (own + values[np.maximum(other, 0)])
         found[rows] = np.where(other >= 0, mean, share * own)
+
+    over_rows(len(values), find)
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class _WholeWrinkles:
-    """V whole wrinkles, each stored as one line or as two halves.
-
-    row (V, 2): the stored line at either pore, twice the same unless there are two halves.
-    place (V, 2): which end of that line the pore is.  nodes (V, 2): the pores.  out (V, 2, 2): UV
-    steps away from either pore, on the chart of the line.
-    """
-
-    row: Indices
-    place: Indices
-    nodes: Indices
-    out: Singles
-
-    @classmethod
-    def of(cls, lines: Lines) -> _WholeWrinkles:
-        first = np.flatnonzero(lines.copy_of == ORIGINAL).astype(np.int32)
-        row = np.repeat(first, 2).reshape(-1, 2)
-        half = np.flatnonzero(lines.copy_of != ORIGINAL).astype(np.int32)
-        row[lines.copy_of[half], 1] = half  # originals are the first rows
-        # A half is stored from the seam on to its pore, so that this is its second end, too.
-        place = np.tile(np.array([0, 1], np.int32), (len(row), 1))
-        out = np.stack([lines.step[row[:, 0]], -lines.step[row[:, 1]]], axis=1)
-        return cls(row, place, lines.pores[first], out.astype(np.float32))
-
-
 def _paired(
-    ground: Ground, pores: Points, lines: Lines, wholes: _WholeWrinkles, weight: Singles
+    ground: Ground, pores: Points, lines: Lines, weight: Singles
+) -> tuple[Singles, Indices]:
+    """(W, 2) slopes, and (W, 2) the lines that continue each, of wrinkles at their two pores, those
+    of second halves at their first line.
+
+    _PORES are looked at together, with no other wrinkles than theirs on the device.
+    """
+    count = lines.whole
+    slopes = np.zeros((len(weight), 2), np.float32)
+    partners = np.full((len(weight), 2), NOTHING, np.int32)
+    partners[:count] = NOTHING - 1
+    stored = _stored(lines)
+    charts = _Charts.of(ground, pores, lines)
+    for first in range(0, len(pores), _PORES):
+        number = min(_PORES, len(pores) - first)
+        here = (lines.pores[:count] >= first) & (lines.pores[:count] < first + number)
+        wrinkles = np.flatnonzero(here.any(axis=1)).astype(np.int32)
+        here = here[wrinkles]
+        found = _paired_at(ground, pores, lines, charts, stored, weight, wrinkles, first, number)
+        partner, slope = found
+        end = np.where(partner >= 0, stored[wrinkles[partner // 2], partner % 2], partner)
+        for side in (0, 1):
+            rows = wrinkles[here[:, side]]
+            partners[rows, side] = end[here[:, side], side]
+            slopes[rows, side] = slope[here[:, side], side]
+    return slopes, partners
+
+
+def _stored(lines: Lines) -> Indices:
+    """(V, 2) the stored line of a wrinkle at either pore, the same twice unless there are two."""
+    row = np.repeat(np.arange(lines.whole, dtype=np.int32), 2).reshape(-1, 2)
+    row[lines.copy_of[lines.whole :], 1] = np.arange(lines.whole, len(lines.edge))
+    return row
+
+
+def _paired_at(
+    ground: Ground,
+    pores: Points,
+    lines: Lines,
+    charts: _Charts,
+    stored: Indices,
+    weight: Singles,
+    wrinkles: Indices,
+    first: int,
+    number: int,
 ) -> tuple[Indices, Singles]:
-    """(V, 2) the end that continues each end, counted over all wrinkles, and (V, 2) slopes
-    there."""
-    count, nodes = len(wholes.nodes), wholes.nodes
+    """(K, 2) the end that continues each end of wrinkles (K,), counted over these, and (K, 2)
+    slopes there; right at pores `first` to `first + number`, whose wrinkles all are among these."""
+    count, nodes = len(wrinkles), lines.pores[wrinkles]
     way = np.empty((count, 3), np.float32)
-    for rows in row_blocks(count):
+
+    def find(rows: slice) -> None:
         way[rows] = unit(pores.position[nodes[rows, 1]] - pores.position[nodes[rows, 0]])
-    triangles, to_uv = _charts(ground, pores, lines, wholes)
-    arrays = (way, weight[wholes.row[:, 0]], pores.normal.astype(np.float32))
+
+    over_rows(count, find)
+    out = np.stack([lines.step[wrinkles], -lines.step[stored[wrinkles, 1]]], axis=1)
+    arrays = (way, weight[wrinkles], pores.normal.astype(np.float32, copy=False))
     with ground.work.nested() as work:
-        members, triangle = work.upload(nodes), work.upload(triangles)
+        members, triangle = work.upload(nodes), work.upload(charts.of_ends(pores, wrinkles, nodes))
         lists = Incidence.of(work, members, count, len(pores))
         partner, slope = work.full(2 * count, np.int32(-2)), work.full(2 * count, np.float32(0))
         work.run(
-            "continuations", "pair_lines", len(pores), lists.offsets, lists.pairs, members,
-            *(work.upload(a) for a in arrays), triangle, work.upload(to_uv),
-            work.upload(wholes.out), LEAST_COSINE, STEEPEST, partner, slope, defines=DEFINES,
+            "continuations", "pair_lines", number, first, lists.offsets, lists.pairs, members,
+            *(work.upload(a) for a in arrays), triangle, work.upload(charts.to_uv),
+            work.upload(out), LEAST_COSINE, STEEPEST, partner, slope, defines=DEFINES,
         )  # fmt: skip
         return work.read(partner, (count, 2), np.int32), work.read(slope, (count, 2), np.float32)
 
 
-def _charts(
-    ground: Ground, pores: Points, lines: Lines, wholes: _WholeWrinkles
-) -> tuple[Indices, Singles]:
-    """(V, 2) for each end a row of the second result, (R, 2, 3): matrices from steps in space at
-    its pore to the UV of the chart that its line is stored on. A matrix is that of the pore's
-    triangle, turned over the seam where the line is stored on another chart."""
-    to_uv = np.linalg.pinv(ground.surface.jacobian)
-    triangle = pores.triangle[wholes.nodes].astype(np.int32)
-    whole = np.flatnonzero(wholes.row[:, 0] == wholes.row[:, 1])
-    beyond = lines.nodes[wholes.row[whole, 1], 1] - len(pores)
-    over, beyond = whole[beyond >= 0], beyond[beyond >= 0]
-    turned = lines.turn[beyond] @ to_uv[triangle[over, 1]]
-    triangle[over, 1] = len(to_uv) + np.arange(len(over))
-    return triangle, np.concatenate([to_uv, turned]).astype(np.float32)
+@dataclass(frozen=True, eq=False)
+class _Charts:
+    """The charts that lines are stored on.
+
+    to_uv (R, 2, 3) float32: matrices from steps in space to UV, of each triangle, then those of
+    pores beyond a seam, turned over it.  over (K,): the wrinkles that have such a pore as their
+    second, ascending, as these matrices are.  triangles: how many there are.
+    """
+
+    to_uv: Singles
+    over: IntArray
+    triangles: int
+
+    @classmethod
+    def of(cls, ground: Ground, pores: Points, lines: Lines) -> _Charts:
+        """Those of lines. A wrinkle in two halves has each on the chart of its pore."""
+        to_uv = np.linalg.pinv(ground.surface.jacobian)
+        beyond = lines.nodes[: lines.whole, 1] >= len(pores)
+        beyond[lines.copy_of[lines.whole :]] = False
+        over = np.flatnonzero(beyond)
+        at = pores.triangle[lines.pores[over, 1]]
+        turned = lines.turn[lines.nodes[over, 1] - len(pores)] @ to_uv[at]
+        return cls(np.concatenate([to_uv, turned]).astype(np.float32), over, len(to_uv))
+
+    def of_ends(self, pores: Points, wrinkles: Indices, nodes: Indices) -> Indices:
+        """(K, 2) rows of `to_uv`, for the ends of wrinkles (K,), ascending, at pores (K, 2)."""
+        rows = pores.triangle[nodes].astype(np.int32, copy=False)
+        _, at, which = np.intersect1d(wrinkles, self.over, True, return_indices=True)
+        rows[at, 1] = self.triangles + which
+        return rows

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from rhytid.device.buffer import Buffer
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.hashes import Words, random4, triangle_keys
 from rhytid.synthesis.incidence import KEPT, until_decided
-from rhytid.synthesis.lattice import Grid, Lattice, spatial_order
+from rhytid.synthesis.lattice import Grid, Lattice, empty_lists, spatial_order
 from rhytid.synthesis.pore_density import PACKING, densities, effective_area, spacings
 from rhytid.synthesis.progress import Progress
 from rhytid.synthesis.surface import FloatArray, Points, Surface, unit
@@ -28,8 +29,9 @@ _PHASE = 0x9E3779B9
 # Darts thrown per expected pore, in rounds. Where so many miss, another centre would have had a
 # room of a few per cent of r².
 DARTS = (2.0, 3.0, 4.0, 5.0, 6.0)
-# Darts thrown at a time.
-BATCH = 1 << 20
+# Darts thrown at a time: as many as there will be pores, within these. Fewer would lie so far apart
+# that none finds in the cache what another has read.
+BATCH, MOST_AT_A_TIME = 1 << 20, 1 << 23
 # A pore this much beyond the radius is still too close: what the device rounds.
 _ROUNDING = 1.0 + 1e-6
 _SPARE = 1024
@@ -69,8 +71,9 @@ def scatter_around(
     the size of a batch. Pores come in spatial order.
     """
     with work.nested() as nested:
-        darts = Darts(nested, surface, fields, radius, seed, BATCH)
         a_room = PACKING / radius**2
+        most = int(np.clip(a_room * surface.area.sum(), BATCH, MOST_AT_A_TIME))
+        darts = Darts(nested, surface, fields, radius, seed, most)
         selection = DartSelection(nested, darts, radius, fields, a_room * darts.filled)
         if first is not None and len(first):
             selection.start_with(first, spacings(fields, first.triangle, first.uv))
@@ -105,7 +108,7 @@ class DartSelection:
         reach = radius * _ROUNDING
         self._cell = self._lattice.steps(reach * fields.most_spacing)
         self._scale = float(self._lattice.unit / reach)
-        self._kept, self._grid = self._empty(int(1.1 * expected) + _SPARE)
+        self._kept = _Kept.empty(work, int(1.1 * expected) + _SPARE)
 
     def start_with(self, pores: Points, factor: NDArray[np.float32]) -> None:
         """Keep pores before any dart.  factor (L,): of the spacing at each."""
@@ -125,8 +128,7 @@ class DartSelection:
         room = self._work.empty(darts.count, np.uint8)
         self._work.run(
             "pores", "find_room", darts.count, darts.triangle, darts.place, darts.normal,
-            darts.factor, darts.level, self._kept.place, self._kept.normal, self._kept.factor,
-            *self._grid.arguments, self._scale, room,
+            darts.factor, darts.level, self._cell, *self._kept.lists, self._scale, room,
         )  # fmt: skip
         fitting = np.flatnonzero(self._work.read(room, (darts.count,), np.uint8))
         self._work.release(room)
@@ -136,12 +138,14 @@ class DartSelection:
     def points(self) -> tuple[Points, NDArray[np.intp]]:
         """The pores in spatial order, and (N,) that order of those that were kept."""
         read, count = self._work.read, self.count
-        place = read(self._kept.place, (count, 3), np.int32)
-        order = spatial_order(place)
+        found = read(self._kept.pores, (count, 8), np.int32)
+        order = spatial_order(found[:, :3])
+        position = self._lattice.positions(found[order, :3])
+        normal = unit(found[order, 4:7].view(np.float32))
+        del found
         triangle = read(self._kept.triangle, (count,), np.int32)[order]
         uv = read(self._kept.uv, (count, 2), np.float32)[order]
-        normal = read(self._kept.normal, (count, 3), np.float32)[order]
-        return Points(triangle, uv, self._lattice.positions(place[order]), unit(normal)), order
+        return Points(triangle, uv, position, normal), order
 
     def _thinned(self, darts: Throw, fitting: NDArray[np.int32]) -> NDArray[np.int32]:
         """The fitting darts that are kept when they come in the order of priority."""
@@ -166,47 +170,51 @@ class DartSelection:
         listed = self._work.upload(chosen)
         self._work.run(
             "pores", "take_darts", len(chosen), self.count, listed, darts.triangle, darts.place,
-            darts.normal, darts.uv, darts.factor, *self._kept.arrays,
+            darts.normal, darts.uv, darts.factor, self._cell, *self._kept.arrays,
         )  # fmt: skip
-        self._grid.insert(self._work, self._kept.place, self.count, len(chosen))
         self._work.release(listed)
         self.count += len(chosen)
 
-    def _empty(self, most: int) -> tuple[_Kept, Grid]:
-        return _Kept.empty(self._work, most), Grid.empty(self._work, self._cell, most)
-
     def _make_room(self, most: int) -> None:
         """Move the pores to larger arrays: along borders more fit than the area suggests."""
-        kept, grid = self._empty(most)
-        everyone = self._work.upload(np.arange(self.count, dtype=np.int32))
+        old, self._kept = self._kept, _Kept.empty(self._work, most)
         self._work.run(
-            "pores", "take_darts", self.count, 0, everyone, *self._kept.arrays, *kept.arrays
-        )
-        grid.insert(self._work, kept.place, 0, self.count)
-        self._work.release(everyone, *self._kept.arrays, self._grid.head, self._grid.next)
-        self._kept, self._grid = kept, grid
+            "pores", "move_pores", self.count, old.pores, old.triangle, old.uv, self._cell,
+            *self._kept.arrays,
+        )  # fmt: skip
+        self._work.release(old.head, old.pores, old.triangle, old.uv)
 
 
 @dataclass(frozen=True, eq=False)
 class _Kept:
-    """Arrays on the device for up to `most` pores: those of Throw, without priorities."""
+    """Arrays on the device for up to `most` pores, and lists of them by cell.
+
+    pores (most, 8) int32: place, factor and normal of each, and the next of its list, side by side,
+    as darts read them of pores that lie anywhere in the memory.
+    """
 
     most: int
+    mask: np.uint32
+    head: Buffer
+    pores: Buffer
     triangle: Buffer
-    place: Buffer
-    normal: Buffer
     uv: Buffer
-    factor: Buffer
 
     @classmethod
     def empty(cls, work: Workspace, most: int) -> _Kept:
-        triangle, factor = work.empty(most, np.int32), work.empty(most, np.float32)
-        place, normal = work.empty(3 * most, np.int32), work.empty(3 * most, np.float32)
-        return cls(most, triangle, place, normal, work.empty(2 * most, np.float32), factor)
+        mask, head = empty_lists(work, most)
+        pores, triangle = work.empty(8 * most, np.int32), work.empty(most, np.int32)
+        return cls(most, mask, head, pores, triangle, work.empty(2 * most, np.float32))
 
     @property
-    def arrays(self) -> tuple[Buffer, ...]:
-        return self.triangle, self.place, self.normal, self.uv, self.factor
+    def lists(self) -> tuple[Any, ...]:
+        """The arguments of kernels that look for pores."""
+        return self.mask, self.head, self.pores
+
+    @property
+    def arrays(self) -> tuple[Any, ...]:
+        """The arguments of kernels that add pores."""
+        return *self.lists, self.triangle, self.uv
 
 
 @dataclass(frozen=True, eq=False)

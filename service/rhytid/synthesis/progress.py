@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 from rhytid.support import cancellation
 
 Progress = Callable[[float, str], None]
 ROWS = 1 << 19
+# Rows of a thread at a time: what is computed on the way stays in the cache.
+_EACH = 1 << 16
 
 
 def silent(fraction: float, stage: str) -> None:
@@ -59,3 +63,25 @@ def row_blocks(count: int) -> Iterator[slice]:
     for first in range(0, count, ROWS):
         cancellation.check()
         yield slice(first, min(first + ROWS, count))
+
+
+def over_rows(count: int, task: Callable[[slice], None], each: int = _EACH) -> None:
+    """Run a task for the rows 0 to `count`, `each` at a time, on as many threads as there are
+    cores. No block may ask for another.
+
+    Raises what the task raises, and what `cancellation.check` does between blocks.
+    """
+    check = cancellation.current_check()
+
+    def run(rows: slice) -> None:
+        with cancellation.scope(check):
+            task(rows)
+
+    blocks = [slice(first, min(first + each, count)) for first in range(0, count, each)]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        try:
+            for _ in pool.map(run, blocks):
+                cancellation.check()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise

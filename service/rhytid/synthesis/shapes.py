@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rhytid.synthesis.fields import SmoothNoise
 from rhytid.synthesis.hashes import Words, normals
-from rhytid.synthesis.progress import row_blocks
+from rhytid.synthesis.progress import over_rows, row_blocks
 from rhytid.synthesis.surface import FloatArray, Surface
 
 Floats = NDArray[np.floating]
@@ -60,11 +60,14 @@ def half_widths_uv(surface: Surface, triangle: Triangles, step: Floats, width: F
     |Jθ| long there, θ = step/|step|: so w = width · |Jθ| / sqrt(det JᵀJ). At most 1.
     """
     half = np.empty(len(triangle), np.float32)
-    for rows in row_blocks(len(triangle)):
+
+    def find(rows: slice) -> None:
         along = step[rows].astype(np.float64)
         stretched = np.linalg.norm(surface.along(triangle[rows], along), axis=-1)
         stretched /= np.linalg.norm(along, axis=-1) * surface.density[triangle[rows]]
         half[rows] = np.minimum(width[rows] * stretched, 1.0)
+
+    over_rows(len(triangle), find)
     return half
 
 
@@ -74,9 +77,14 @@ def pore_sizes(position: FloatArray, key: Words, seed: int) -> Singles:
     position (N, 3): in spacings.  key (N,): a random word of each pore.
     """
     noise = SmoothNoise(REGION, np.random.default_rng([seed, _SIZE]))
-    deviation = np.float32(REGION_VARIATION) * noise.at(position)
-    deviation += np.float32(PORE_VARIATION) * normals(key, _SIZE, seed)
-    sizes: Singles = np.exp(np.clip(deviation, -0.7, 0.7))
+    sizes = np.empty(len(position), np.float32)
+
+    def find(rows: slice) -> None:
+        deviation = np.float32(REGION_VARIATION) * noise.at(position[rows])
+        deviation += np.float32(PORE_VARIATION) * normals(key[rows], _SIZE, seed)
+        sizes[rows] = np.exp(np.clip(deviation, -0.7, 0.7))
+
+    over_rows(len(position), find)
     return sizes
 
 
@@ -96,11 +104,24 @@ def pore_weights(
     key (N,): a random word of each pore.
     """
     count = len(sizes)
-    total = sum(np.bincount(end, weights=weight, minlength=count)[:count] for end in nodes.T)
-    meeting = total / (total + 2.0 * usual)
-    chance = np.exp(np.float32(0.35) * normals(key, _DEPTH, seed))
-    chance *= np.sqrt(sizes)
-    strengths: Singles = np.clip(0.6 * meeting * chance, FAINTEST, 1.0).astype(np.float32)
+    total = np.zeros((2, count))
+
+    def add(side: slice) -> None:
+        for rows in row_blocks(len(nodes)):
+            at = nodes[rows, side.start]
+            np.add.at(total[side.start], at[at < count], weight[rows][at < count])
+
+    over_rows(2, add, each=1)
+    meeting = total[0] + total[1]
+    meeting /= meeting + 2.0 * usual
+    strengths = np.empty(count, np.float32)
+
+    def find(rows: slice) -> None:
+        chance = np.exp(np.float32(0.35) * normals(key[rows], _DEPTH, seed))
+        chance *= np.sqrt(sizes[rows])
+        strengths[rows] = np.clip(0.6 * meeting[rows] * chance, FAINTEST, 1.0)
+
+    over_rows(count, find)
     return strengths
 
 
@@ -119,22 +140,41 @@ def pore_axes(
     a random word of each pore.  nodes, step (E, 2), weight (E,): of the wrinkles; a wrinkle that
     ends at a node from N on, beyond a border, does not count.
     """
-    count = len(triangle)
-    whole = (nodes < count).all(axis=1)
-    nodes, step, weight = nodes[whole], step[whole], weight[whole].astype(np.float64)
-    frames = _frames(surface)
-    cosine, sine, total = (np.zeros(count) for _ in range(3))
-    for end in nodes.T:
-        x, y = _in_frame(frames[triangle[end]], step.astype(np.float64)).T
-        share = weight / np.maximum(x * x + y * y, np.finfo(np.float64).tiny)
-        cosine += np.bincount(end, share * (x * x - y * y), count)
-        sine += np.bincount(end, share * 2.0 * x * y, count)
-        total += np.bincount(end, weight, count)
-    together = np.hypot(cosine, sine) / np.maximum(total, np.finfo(np.float64).tiny)
-    chance = np.clip(LENGTH_VARIATION * normals(key, _LENGTH, seed), -0.3, 0.3)
-    angle = 0.5 * np.arctan2(sine, cosine) + TILT * np.clip(normals(key, _TILT, seed), -3, 3)
-    longer: Doubles = np.maximum((1.0 + ALONG * together) * np.exp(chance), 1.0)
+    count, tiny = len(triangle), np.finfo(np.float64).tiny
+    cosine, sine, total = _axes_at_ends(_frames(surface), triangle, nodes, step, weight)
+    angle, longer = np.empty(count), np.empty(count)
+
+    def find(rows: slice) -> None:
+        together = np.hypot(cosine[rows], sine[rows]) / np.maximum(total[rows], tiny)
+        chance = np.clip(LENGTH_VARIATION * normals(key[rows], _LENGTH, seed), -0.3, 0.3)
+        tilt = TILT * np.clip(normals(key[rows], _TILT, seed), -3, 3)
+        angle[rows] = 0.5 * np.arctan2(sine[rows], cosine[rows]) + tilt
+        longer[rows] = np.maximum((1.0 + ALONG * together) * np.exp(chance), 1.0)
+
+    over_rows(count, find)
     return angle, longer
+
+
+def _axes_at_ends(
+    frames: Doubles, triangle: Triangles, nodes: Triangles, step: Floats, weight: Floats
+) -> Doubles:
+    """(3, N) sums over the wrinkles at each pore: of weight times the cosine and the sine of twice
+    their angle, and of weight."""
+    sums = np.zeros((2, 3, len(triangle)))
+
+    def add(side: slice) -> None:
+        for rows in row_blocks(len(nodes)):
+            whole = np.flatnonzero((nodes[rows] < len(triangle)).all(axis=1))
+            at, heavy = nodes[rows, side.start][whole], weight[rows][whole].astype(np.float64)
+            x, y = _in_frame(frames[triangle[at]], step[rows][whole].astype(np.float64)).T
+            share = heavy / np.maximum(x * x + y * y, np.finfo(np.float64).tiny)
+            values = share * (x * x - y * y), share * 2.0 * x * y, heavy
+            for total, value in zip(sums[side.start], values, strict=True):
+                np.add.at(total, at, value)
+
+    over_rows(2, add, each=1)
+    both: Doubles = sums[0] + sums[1]
+    return both
 
 
 def pore_ellipses(
@@ -152,7 +192,8 @@ def pore_ellipses(
     """
     metric, circle = np.empty((len(radius), 3), np.float32), np.empty(len(radius), np.float32)
     frames = _frames(surface)
-    for rows in row_blocks(len(radius)):
+
+    def find(rows: slice) -> None:
         at = triangle[rows]
         most, root = 0.9 * surface.narrowest[at], np.sqrt(longer[rows])
         long = np.minimum(radius[rows] * root, most)
@@ -167,6 +208,8 @@ def pore_ellipses(
             [along[i] * along[j] + across[i] * across[j] for i, j in ((0, 0), (0, 1), (1, 1))], -1
         )
         circle[rows] = np.sqrt(long * wide / surface.density[at])
+
+    over_rows(len(radius), find)
     return metric, circle
 
 

@@ -145,7 +145,9 @@ class Paths:
         along, left (N, 3): the frame of each pore.  anisotropy (N,): how far walkers keep to it.
         lattice: of the places of pores.  length: mean of edges on even skin.
         """
-        ways = Incidence.of(work, work.upload(edges.nodes), len(edges), len(pores))
+        nodes = work.upload(edges.nodes)
+        ways = Incidence.of(work, nodes, len(edges), len(pores))
+        work.release(nodes)
         place = work.upload(lattice.places(pores.position))
         frame = work.upload(along), work.upload(left)
         direction = work.empty(2 * ways.entries, np.int16)
@@ -175,6 +177,7 @@ class _Trails:
     seed: np.uint32
     walks: Walks
     gain: float
+    still: Buffer
     strength: Buffer
     deposit: Buffer
     pull: Buffer
@@ -197,14 +200,16 @@ class _Trails:
         appeal = work.empty(paths.ways.entries, np.float32)
         deposits = walks.walkers * walks.steps * sum(f.share * f.deposit for f in FAMILIES)
         gain = (1.0 - walks.keep) * degree / (_TAKEN * deposits)
-        trails = strength, deposit, pull, appeal
+        still = work.empty(1, np.float32)
+        work.run("trails", "pull_of_unworn", 1, UNWORN, walks.draw, still, defines=DEFINES)
+        trails = still, strength, deposit, pull, appeal
         return cls(work, paths, found, np.uint32(seed), walks, gain, *trails)
 
     def round(self, number: int, progress: Progress) -> None:
         """All families walk, and their deposits are worn in."""
         self._run(
-            "pull_of_edges", self.paths.edges, UNWORN, self.walks.draw, WORN, SHY, self.strength,
-            self.crossings.offsets, self.crossings.others, self.pull,
+            "pull_of_edges", self.paths.edges, UNWORN, self.walks.draw, WORN, SHY, self.still,
+            self.strength, self.crossings.offsets, self.crossings.others, self.pull,
             report=lambda _: progress(0.0, "trails"),
         )  # fmt: skip
         for index, family in enumerate(FAMILIES):

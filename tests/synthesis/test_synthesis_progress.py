@@ -1,0 +1,49 @@
+"""Work over rows on several threads."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+from rhytid.errors import CancelledError
+from rhytid.support import cancellation
+from rhytid.synthesis.progress import over_rows, row_blocks
+
+
+@pytest.mark.parametrize("count", [0, 1, 999, 1000, 4321])
+def test_every_row_has_its_turn_once(count: int) -> None:
+    seen = np.zeros(count, np.int64)
+
+    def add(rows: slice) -> None:
+        seen[rows] += 1
+
+    over_rows(count, add, each=100)
+    assert (seen == 1).all()
+
+
+def test_an_error_of_a_block_is_raised() -> None:
+    def fail(rows: slice) -> None:
+        if rows.start == 300:
+            raise ValueError("row 300")
+
+    with pytest.raises(ValueError, match="row 300"):
+        over_rows(1000, fail, each=100)
+
+
+def test_long_work_within_a_block_is_cancelled() -> None:
+    asked = threading.Event()
+
+    def check() -> None:
+        if threading.current_thread() is not threading.main_thread():
+            asked.set()
+            raise CancelledError("no longer wanted")
+
+    def look(rows: slice) -> None:
+        for _ in row_blocks(rows.stop - rows.start):
+            pass
+
+    with cancellation.scope(check), pytest.raises(CancelledError):
+        over_rows(10, look, each=10)
+    assert asked.is_set()
