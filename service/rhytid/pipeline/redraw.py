@@ -85,7 +85,7 @@ class LineStretches(BufferGroup):
         wrinkles(count, *given, r)
         take_over(device, elements.wrinkle_origins, wrinkles, r, R_ALONE)
         device.launch(
-            "ends", "end_stretches", (count + 1,),
+            "ends", "end_stretches", (count // VECTOR + 1,),
             r, elements.partners, np.int32(count), np.float32(settings.response.ends),
             self.ends, defines=response_defines(settings.response.soft_limits),
         )  # fmt: skip
