@@ -122,6 +122,7 @@ class Blend:
             "PARTS": len(parts(bins)),
             "MERGE": MERGES[bins.merge],
             "MAPS": map_count(bins),
+            **({"AHEAD": 1} if device.info.kind == "cpu" else {}),
         }
 
     def coefficients(self, stretch: StretchBuffers) -> Coefficients:
