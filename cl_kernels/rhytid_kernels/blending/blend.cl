@@ -37,17 +37,6 @@ inline float16 blend_triangle(__global const CODE *maps, __global const float4 *
     return height_of(merged);
 }
 
-#define CACHE_LINE 64
-#define VECTORS_AHEAD 8 // 4 and 16 took as long
-
-// Of the vector VECTORS_AHEAD behind that of `codes`.
-inline void codes_ahead(__global const CODE *codes)
-{
-    __global const char *first = (__global const char *)(codes + VECTORS_AHEAD * VECTOR_CODES);
-    for (int at = 0; at < VECTOR_CODES * (int)sizeof(CODE); at += CACHE_LINE)
-        SOON(first + at);
-}
-
 // firsts, members: the triangles of each vector. codes: of each vector those of all maps, side by side
 // in memory: what a work-item reads is one stream, in order. coefficients: LAYERS per triangle, of
 // weights.cl. unit: of the merge, mesh units. out: displacement, mesh units; within 1e-6 of the
@@ -62,7 +51,7 @@ inline void blend_vector(__global const int *firsts, __global const int2 *member
 {
     int i = get_global_id(0), member = firsts[i], end = firsts[i + 1];
     codes += (size_t)i * VECTOR_CODES;
-    codes_ahead(codes);
+    ASK_AHEAD(codes, VECTOR_CODES);
     float16 d = blend_triangle(codes, coefficients + members[member].x * LAYERS);
 #ifdef GRAINY
     float16 gain = gains[members[member].x];

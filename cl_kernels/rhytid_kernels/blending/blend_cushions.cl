@@ -1,8 +1,11 @@
 // Blends the precomputed maps of the broad layer: each sample by the stretch of its owner, the line that
 // counts most there (owners.cl). A vector of samples per work-item.
+#include "ahead.clh"
 #include "codes.clh"
 #include "response.clh"
 #include "vectors.clh"
+
+#define VECTOR_CODES ((SAMPLES + 1) * WIDTH)
 
 POWER_OF_TWO(power16, float16, int16)
 
@@ -32,7 +35,9 @@ inline void blend_samples(__global const int *owners, __global const CODE *codes
                           float2 depth, __global float *out)
 {
     int i = get_global_id(0);
-    codes += (size_t)i * ((SAMPLES + 1) * WIDTH);
+    codes += (size_t)i * VECTOR_CODES;
+    ASK_AHEAD(codes, VECTOR_CODES);
+    ASK_AHEAD(owners + i * WIDTH, WIDTH);
     float16 r = owner_stretch(owners + i * WIDTH, codes + SAMPLES * WIDTH, stretches);
     float16 position = (clamp(r * (1.0f / last), -1.0f, 1.0f) + 1.0f) * (0.5f * (SAMPLES - 1));
     float16 sum = 0.0f;
