@@ -23,6 +23,7 @@ SMALL = (
     "ITEMS=1",
     "SCALE_LIMIT=4.0f",
     "CODE=char",
+    "AHEAD=1",
     "CODE_BITS=8",
     "CODE_LIMIT=127",
     "MAPS=6",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kernels.one_line import run
+from kernels.one_line import evaluate, run
 from kernels.test_kernel_draw import BLOCK, SHAPES, options
 from reference import arcs
 from reference import waves as wavy
@@ -201,3 +201,15 @@ def test_waves_ride_on_the_arc(device):
     assert np.abs(bottom - y)[inside].max() <= 1.0
     still = drawn(device, (segments, sizes, slopes), Shape(), waves=wave * np.float32([0, 1, 1, 1]))
     np.testing.assert_array_equal(still, drawn(device, (segments, sizes, slopes), Shape()))
+
+
+def test_places_of_the_broad_layer_are_rounded_as_rint_does(device):
+    half = np.arange(-9, 9) + 0.5
+    large = 2.0 ** np.arange(21, 27)
+    values = np.concatenate([half, large - 1, large - 0.5, -large - 0.25, [0.0, -0.0, 0.49999997]])
+    v = np.resize(values, 2 * 32).reshape(-1, 2).astype(np.float32)
+    sizes = {"BLOCK": 68, "ROWS": 68, "ITEMS": 1, "APRON": 2, "COARSE_BLOCK": 64, "COARSER": 2}
+    given = [f"-D{name}={size}" for name, size in sizes.items()]
+    given += ["-DWIDENED=1.5f", "-DLEAST_HALF_WIDTH=1.25f"]
+    found = evaluate(device, "coarse", "nearest_whole(v)", {"v": v}, width=2, options=given)
+    np.testing.assert_array_equal(found, np.rint(v))

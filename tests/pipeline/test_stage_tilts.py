@@ -32,10 +32,12 @@ def furrow(angle):
     )
 
 
+@pytest.mark.parametrize("bulge", [1.0, 2.5])
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("count", [2, 4, 16])
-def test_tilts_are_those_of_the_reference_where_there_is_height(device, count, bits):
-    settings = settings_of(bins={**TILTED, "count": count, "bits": bits})
+def test_tilts_are_those_of_the_reference_where_there_is_height(device, count, bits, bulge):
+    shape = {"wrinkle_bulge": bulge}
+    settings = settings_of(bins={**TILTED, "count": count, "bits": bits}, shape=shape)
     made = BinnedScene(device, sheet(), GRAPH, settings)
     most, compared, largest = 2 ** (bits - 1) - 1, 0, 0
     for layer, codes in enumerate(made.tilts()):
@@ -49,7 +51,7 @@ def test_tilts_are_those_of_the_reference_where_there_is_height(device, count, b
         largest = max(largest, np.abs(codes[high]).max(initial=0))
         compared += high.sum()
     assert compared > 500
-    assert largest > 0.9 * most
+    assert largest > 0.85 * most
 
 
 @pytest.mark.parametrize("share", [-0.9, -0.35, 0.0, 0.5])

@@ -2,6 +2,7 @@
 // A vector of texels per work-item. What Alg. 3 computes up to line 10 is the same in a whole triangle,
 // so a vector is blended once for each triangle in it, and each texel takes its own.
 
+#include "ahead.clh"
 #include "merge.clh"
 #include "vectors.clh"
 #ifdef RAISED
@@ -50,6 +51,7 @@ inline void blend_vector(__global const int *firsts, __global const int2 *member
 {
     int i = get_global_id(0), member = firsts[i], end = firsts[i + 1];
     codes += (size_t)i * VECTOR_CODES;
+    ASK_AHEAD(codes, VECTOR_CODES);
     float16 d = blend_triangle(codes, coefficients + members[member].x * LAYERS);
 #ifdef GRAINY
     float16 gain = gains[members[member].x];

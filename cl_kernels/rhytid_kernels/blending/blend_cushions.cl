@@ -1,26 +1,29 @@
 // Blends the precomputed maps of the broad layer: each sample by the stretch of its owner, the line that
 // counts most there (owners.cl). A vector of samples per work-item.
+#include "ahead.clh"
 #include "codes.clh"
 #include "response.clh"
 #include "vectors.clh"
 
+#define VECTOR_CODES ((SAMPLES + 1) * WIDTH)
+
 POWER_OF_TWO(power16, float16, int16)
+
+// r of eight lines at both ends: put together in registers, for a processor waits where it reads as a
+// vector what it has just stored one by one.
+#define ENDS_OF(lines)                                                                             \
+    ((float16)(stretches[(lines)[0]], stretches[(lines)[1]], stretches[(lines)[2]],                \
+               stretches[(lines)[3]], stretches[(lines)[4]], stretches[(lines)[5]],                \
+               stretches[(lines)[6]], stretches[(lines)[7]]))
 
 // r of the owners of a vector of samples, each at its place along it. stretches: r at both ends of each
 // line. places: codes.
-inline float16 owner_stretch(int16 owners, __global const CODE *places,
+inline float16 owner_stretch(__global const int *owners, __global const CODE *places,
                              __global const float2 *stretches)
 {
-    int owner[WIDTH];
-    float start[WIDTH], end[WIDTH];
-    vstore16(owners, 0, owner);
-    for (int lane = 0; lane < WIDTH; lane++) {
-        float2 r = stretches[owner[lane]];
-        start[lane] = r.x;
-        end[lane] = r.y;
-    }
-    float16 first = vload16(0, start), along = FLOATS_OF(places) * (1.0f / CODE_LIMIT);
-    return first + along * (vload16(0, end) - first);
+    float16 low = ENDS_OF(owners), high = ENDS_OF(owners + WIDTH / 2);
+    float16 first = (float16)(low.even, high.even), along = FLOATS_OF(places) * (1.0f / CODE_LIMIT);
+    return first + along * ((float16)(low.odd, high.odd) - first);
 }
 
 // owners: row by row. codes: of each vector those of SAMPLES maps, then places. steps: displacement of a
@@ -32,12 +35,14 @@ inline void blend_samples(__global const int *owners, __global const CODE *codes
                           float2 depth, __global float *out)
 {
     int i = get_global_id(0);
-    codes += (size_t)i * ((SAMPLES + 1) * WIDTH);
-    float16 r = owner_stretch(vload16(i, owners), codes + SAMPLES * WIDTH, stretches);
+    codes += (size_t)i * VECTOR_CODES;
+    ASK_AHEAD(codes, VECTOR_CODES);
+    ASK_AHEAD(owners + i * WIDTH, WIDTH);
+    float16 r = owner_stretch(owners + i * WIDTH, codes + SAMPLES * WIDTH, stretches);
     float16 position = (clamp(r * (1.0f / last), -1.0f, 1.0f) + 1.0f) * (0.5f * (SAMPLES - 1));
     float16 sum = 0.0f;
     for (int m = 0; m < SAMPLES; m++)
-        sum += FLOATS_OF(codes + m * WIDTH) * (fmax(1.0f - fabs(position - m), 0.0f) * steps[m]);
+        sum += FLOATS_OF(codes + m * WIDTH) * (max(1.0f - fabs(position - m), (float16)(0.0f)) * steps[m]);
     vstore16(SCALE(power16, r, -depth.x, depth.y) * sum, i, out);
 }
 

@@ -26,30 +26,11 @@ inline void write_codes(sums_t sums, place_t place, shape_t shape, float scale, 
 #define WRITE(sums, place, shape, depth, part) write_rows(sums, place, shape, depth, part, out)
 #endif
 
-// Where in its bin a wrinkle along `extent` runs: its angle to theta, mod pi, times a factor.
-// tilt: (theta, factor).
-inline float leaning(float2 extent, float3 tilt)
-{
-    float along = dot(extent, tilt.xy), across = extent.x * tilt.y - extent.y * tilt.x;
-    return atan(across / along) * tilt.z;
-}
-
-// (sigma_w, sigma_d) of a wrinkle along `extent`, whose depth is scaled by 1 + leaning too, where the
-// factor is not 0. tilt: (theta, factor, 0).
-inline float2 leaning_scale(float2 scale, float2 extent, float4 tilt)
-{
-    if (tilt.z != 0.0f)
-        scale.y *= 1.0f + leaning(extent, tilt.xyz);
-    return scale;
-}
-
 // scale: (sigma_w, sigma_d) of the sample, Alg. 1 lines 7 and 8 with its log stretch, the same at both
 // ends. part: valleys and bulges together, or one of them for maps that are merged by the mellow-max.
-// tilt: depths are scaled by 1 + leaning, for the maps that tilts are made from; else its factor is 0.
-// An arc leans as its segment does. least: as in redraw.cl.
+// least: as in redraw.cl.
 __kernel void draw_wrinkle_bin(LINES, SHARES __global const uchar *bins, int bin, float2 scale, int part,
-                               float4 tilt, __global const int *offsets,
-                               __global const int *members, float4 shape_values, float least,
+                               __global const int *offsets, __global const int *members, float4 shape_values, float least,
                                float depth, int blocks, int row, int column, OUT)
 {
     __local float memory[2 * SUMS];
@@ -58,8 +39,7 @@ __kernel void draw_wrinkle_bin(LINES, SHARES __global const uchar *bins, int bin
     sums_t sums = sums_at(place, memory);
     int block = place.block;
     DRAW_LINES(sums, shape, members, offsets[block], offsets[block + 1], bins[i] == bin,
-               LINE_AT(i, SIZES_OF(i) * SCALES(leaning_scale(scale, segments[i].zw, tilt)), place.corner,
-                       least));
+               LINE_AT(i, SIZES_OF(i) * SCALES(scale), place.corner, least));
     WRITE(sums, place, shape, depth, part);
 }
 

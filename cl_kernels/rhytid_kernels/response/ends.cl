@@ -10,10 +10,13 @@
 
 POWER_OF_TWO(power16, float16, int16)
 
-// r at an end that wrinkle `partner` continues; none where negative.
-inline float at_end(__global const float *r, int i, int partner, float share)
+// r at both ends of wrinkle i, which `partner` continue; none where negative. Without a branch, which a
+// processor would guess wrong.
+inline float2 at_ends(__global const float *r, int i, int2 partner, float share)
 {
-    return partner < 0 ? r[i] : r[i] + 0.5f * share * (r[partner] - r[i]);
+    int2 other = select(partner, (int2)(i), partner < 0);
+    float2 own = r[i], others = (float2)(r[other.x], r[other.y]);
+    return select(own + 0.5f * share * (others - own), own, partner < 0);
 }
 
 // A work-item takes LANES wrinkles. partners: of each at its start and at its end, or NULL.
@@ -34,8 +37,9 @@ __kernel void respond_ends(__global const float *r, __global const int2 *partner
     for (int lane = 0; lane < LANES; lane++) {
         int i = min(first + lane, count - 1);
         int2 partner = partners ? partners[i] : (int2)(-1);
-        start[lane] = at_end(r, i, partner.x, share);
-        end[lane] = at_end(r, i, partner.y, share);
+        float2 ends = at_ends(r, i, partner, share);
+        start[lane] = ends.x;
+        end[lane] = ends.y;
 #ifdef SHARED
         share_at_start[lane] = shares[i].x;
         share_at_end[lane] = shares[i].y;
@@ -66,11 +70,11 @@ __kernel void respond_ends(__global const float *r, __global const int2 *partner
 __kernel void end_stretches(__global const float *r, __global const int2 *partners, int count,
                             float share, __global float2 *ends)
 {
-    int i = get_global_id(0);
-    if (i == count) {
-        ends[i] = (float2)(0.0f);
-        return;
+    int first = get_global_id(0) * LANES;
+    for (int i = first; i < min(first + LANES, count); i++) {
+        int2 partner = partners ? partners[i] : (int2)(-1);
+        ends[i] = at_ends(r, i, partner, share);
     }
-    int2 partner = partners ? partners[i] : (int2)(-1);
-    ends[i] = (float2)(at_end(r, i, partner.x, share), at_end(r, i, partner.y, share));
+    if (first <= count && count < first + LANES)
+        ends[count] = (float2)(0.0f);
 }

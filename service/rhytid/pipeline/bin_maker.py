@@ -44,7 +44,7 @@ from rhytid.pipeline.stiffness import stiffness_of_texels
 from rhytid.pipeline.vectors import VECTOR, VectorTriangles
 from rhytid.pipeline.work import BLOCK, Square, timed
 
-# Runs the kernel of a map over a square of level 0: (square, into, defines).
+# Runs the kernel of a map over a square of level 0: (square, into).
 _Launch = Callable[..., None]
 
 
@@ -123,17 +123,15 @@ class BinMaker:
         for layer, samples in enumerate(bins.layer_samples):
             for part, sample in product(parts(bins), range(samples)):
                 coded = (self._per_step[layer, sample], next(maps), codes)
-                self._timed(self._map(layer, part, sample), square, coded, self._code_defines)
+                self._timed(self._map(layer, part, sample), square, coded)
             if bins.tilt and layer < bins.count:
-                self._tilt(layer, square, next(maps), codes)
+                self._timed(self._tilt(layer), square, (next(maps), codes))
         return codes
 
-    def _timed(
-        self, launch: _Launch, square: Square, into: tuple[Any, ...], defines: Mapping[str, object]
-    ) -> None:
+    def _timed(self, launch: _Launch, square: Square, into: tuple[Any, ...]) -> None:
         """Launch one map of a square and wait for it, as one step."""
         pace, work = self._elements.bins_pace, self._elements.work.of(*square)
-        timed(self._device, pace, work, partial(launch, square, into, defines))
+        timed(self._device, pace, work, partial(launch, square, into))
 
     def _tile(self, square: Square, codes: Buffer) -> BinTile:
         """The tile of codes, with the triangles and the stiffness of its texels."""
@@ -153,26 +151,17 @@ class BinMaker:
             return None
         return CushionMaker(self._device, self._elements, self._settings).tile(square)
 
-    def _tilt(self, index: int, square: Square, map: NDArray[np.int32], codes: Buffer) -> None:
-        """Write codes of the angle at which wrinkles run within their bin, drawn at the largest
-        width that they have."""
-        scales = _float2(tilt_width(self._settings), 1.0)
-        launches = (self._wrinkles(index, scales, 0, s) for s in (TILT_SHARE, -TILT_SHARE))
-        up, down = (self._drawn(launch, square) for launch in launches)
-        count = square[2] ** 2 // VECTOR
-        self._device.launch(
-            "tilt", "tilt_codes", (count,), up, down, np.float32(TILT_SHARE), map, codes,
-            defines=self._code_defines,
+    def _tilt(self, index: int) -> _Launch:
+        """Of the angle at which wrinkles run within their bin, drawn at the largest width that they
+        have."""
+        bins, bulging = self._settings.bins, self._settings.shape.wrinkle_bulge > 1.0
+        theta, per_radian = directions(bins.count)[index], TILT_SHARE * 2 * bins.count / np.pi
+        tilt = np.array([*theta, per_radian, TILT_SHARE], np.float32)
+        return self._launching(
+            "tilt", "draw_tilts",
+            *self._of_bin(index, _float2(tilt_width(self._settings), 1.0), 0.0), tilt,
+            *self._lists, defines={"BULGING": int(bulging)}, maps=2 if bulging else 1,
         )  # fmt: skip
-        self._device.finish()
-        up.release()
-        down.release()
-
-    def _drawn(self, launch: _Launch, square: tuple[int, int, int]) -> Buffer:
-        """A map as displacement."""
-        out = self._device.empty(square[2] ** 2, np.float32)
-        self._timed(launch, square, (out,), NO_DEFINES)
-        return out
 
     def _map(self, layer: int, part: int, sample: int) -> _Launch:
         settings, response = self._settings, self._settings.response
@@ -182,39 +171,43 @@ class BinMaker:
         if layer == settings.bins.count:
             return self._pores(_float2(scale(response, r, response.beta_w), depth), part)
         scales = _float2(scale(response, r, response.alpha_w), depth)
-        return self._wrinkles(layer, scales, part, r=r)
-
-    def _wrinkles(
-        self, index: int, scales: NDArray[np.float32], part: int, tilt: float = 0.0, r: float = 0.0
-    ) -> _Launch:
-        """Of one bin.  r: log stretch that shares answer to."""
-        elements, lists = self._elements, self._elements.wrinkle_lists
-        count = self._settings.bins.count
-        leaning = np.array([*directions(count)[index], tilt * 2 * count / np.pi, 0.0], np.float32)
-        shares = elements.share_arguments(self._settings.response, r)
         return self._launching(
-            "draw_wrinkle_bin",
-            *elements.line_arguments, *shares, elements.bins, np.int32(index), scales,
-            np.int32(part), leaning, lists.offsets, lists.members,
+            "bins", "draw_wrinkle_bin",
+            *self._of_bin(layer, scales, r), np.int32(part), *self._lists,
         )  # fmt: skip
+
+    def _of_bin(self, index: int, scales: NDArray[np.float32], r: float) -> tuple[Any, ...]:
+        """The lines of a bin as arguments.  r: log stretch that shares answer to."""
+        elements = self._elements
+        shares = elements.share_arguments(self._settings.response, r)
+        return (*elements.line_arguments, *shares, elements.bins, np.int32(index), scales)
+
+    @property
+    def _lists(self) -> tuple[Buffer, Buffer]:
+        lists = self._elements.wrinkle_lists
+        return lists.offsets, lists.members
 
     def _pores(self, scales: NDArray[np.float32], part: int) -> _Launch:
         elements, lists = self._elements, self._elements.pore_lists
         return self._launching(
-            "draw_pore_layer",
-            elements.centres,
-            elements.roots,
-            scales,
-            np.int32(part),
-            lists.offsets,
-            lists.members,
-        )
+            "bins", "draw_pore_layer",
+            elements.centres, elements.roots, scales, np.int32(part), lists.offsets, lists.members,
+        )  # fmt: skip
 
-    def _launching(self, kernel: str, *arguments: Any) -> _Launch:
-        def launch(square: Square, into: tuple[Any, ...], defines: Mapping[str, object]) -> None:
+    def _launching(
+        self,
+        program: str,
+        kernel: str,
+        *arguments: Any,
+        defines: Mapping[str, object] = NO_DEFINES,
+        maps: int = 1,
+    ) -> _Launch:
+        every = {**self._code_defines, **self._elements.share_defines, **defines}
+
+        def launch(square: Square, into: tuple[Any, ...]) -> None:
             launch_blocks(
-                self._device, "bins", kernel, self._settings, self._elements, square, *arguments,
-                into=into, defines={**defines, **self._elements.share_defines},
+                self._device, program, kernel, self._settings, self._elements, square, *arguments,
+                into=into, defines=every, maps=maps,
             )  # fmt: skip
 
         return launch

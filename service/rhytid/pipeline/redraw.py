@@ -85,7 +85,7 @@ class LineStretches(BufferGroup):
         wrinkles(count, *given, r)
         take_over(device, elements.wrinkle_origins, wrinkles, r, R_ALONE)
         device.launch(
-            "ends", "end_stretches", (count + 1,),
+            "ends", "end_stretches", (count // VECTOR + 1,),
             r, elements.partners, np.int32(count), np.float32(settings.response.ends),
             self.ends, defines=response_defines(settings.response.soft_limits),
         )  # fmt: skip
@@ -261,14 +261,16 @@ def launch_blocks(
     *arguments: Any,
     into: tuple[Any, ...],
     defines: Mapping[str, object] = NO_DEFINES,
+    maps: int = 1,
 ) -> None:
     """Run a drawing kernel over a square (row, column, texels per side) of level 0. A work-group
     draws some rows of a block, by the launch shape of the device.
 
-    arguments: of the elements.  into: of the output.
+    arguments: of the elements.  into: of the output.  maps: that a group has valleys and bulges of
+    at once, 1 or 2.
     """
     row, column, side = square
-    blocks, rows = side // BLOCK, min(device.shape.rows, BLOCK)
+    blocks, rows = side // BLOCK, min(device.shape.rows, BLOCK) // maps
     shape, lines = settings.shape, elements.line_defines
     device.launch(
         program, kernel, (blocks * device.shape.lanes, side // rows), *arguments,
