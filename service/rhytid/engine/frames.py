@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.frame import NEUTRAL, check_positions
 from rhytid.domain.warnings import InputWarning
+from rhytid.engine.changes import counted
 from rhytid.engine.messages import FrameInfo
 from rhytid.errors import (
     FetchingError,
@@ -120,10 +121,13 @@ class _Stored:
 
 
 class Frames:
-    """The frames of one asset by name. The frame `neutral` always exists and cannot be written."""
+    """The frames of one asset by name. The frame `neutral` always exists and cannot be written.
 
-    def __init__(self, memory: FrameMemory) -> None:
-        self._memory = memory
+    asset: its id.
+    """
+
+    def __init__(self, memory: FrameMemory, asset: str) -> None:
+        self._memory, self._asset = memory, asset
         self._lock = threading.Lock()
         self._frames: dict[str, _Stored] = {}
         self._closed = self._left = False
@@ -154,7 +158,7 @@ class Frames:
         """
         assert frame.positions is not None
         refuse_neutral(name)
-        with self._lock:
+        with counted().changing(self._asset, name), self._lock:
             if self._left:
                 raise FetchingError(LEFT)
             if self._closed:
@@ -186,13 +190,13 @@ class Frames:
         """Delete a frame; raises NotFoundError, and ReadOnlyError for the neutral."""
         refuse_neutral(name)
         self._entry(name)
-        with self._lock:
+        with counted().changing(self._asset, name), self._lock:
             self._memory.change(-self._bytes(name))
             self._frames.pop(name, None)
 
     def close(self) -> None:
         """Delete every frame and store no more: the asset was removed."""
-        with self._lock:
+        with counted().changing(self._asset), self._lock:
             self._closed = True
             self._memory.change(-sum(self._bytes(name) for name in self._frames))
             self._frames.clear()
@@ -200,7 +204,7 @@ class Frames:
     def leave(self, *, anyway: bool = False) -> bool:
         """Store no more, because the asset leaves this machine. Returns False, and does nothing,
         where there is a frame.  anyway: its frames go with it."""
-        with self._lock:
+        with counted().changing(self._asset), self._lock:
             if anyway:
                 self._memory.change(-sum(self._bytes(name) for name in self._frames))
                 self._frames.clear()
