@@ -186,3 +186,11 @@ def test_how_much_skin_there_would_be_is_told(
     assert f"about {build['wrinkles'] / 1e6:.2g} million wrinkles" in printed.out
     assert [notice["code"] for notice in figures["notices"]] == ["few-texels", "large-build"]
     assert "notice: few-texels: fewer than four texels lie between pores" in printed.err
+
+
+@pytest.mark.parametrize("module", ["trimesh", "scipy.spatial", "pyopencl"])
+def test_a_mesh_is_checked_without_what_takes_long_to_import(module: str, head: Path) -> None:
+    call = f"from rhytid.cli import main; main(['check', {str(head)!r}])"
+    code = f"import sys; {call}; sys.exit({module!r} in sys.modules)"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    assert found.returncode == 0, found.stderr
