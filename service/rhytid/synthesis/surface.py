@@ -218,7 +218,9 @@ def _may_cover(centres: FloatArray, corners: FloatArray) -> bool:
 
     def cell(points: FloatArray) -> NDArray[np.int64]:
         """(N, 2) the square of a grid of side² that holds a point, or the nearest."""
-        return np.clip((points - low) / size * side, 0, side - 1).astype(np.int64)
+        found: NDArray[np.int64]
+        found = np.clip((points - low) / size * side, 0, side - 1).astype(np.int64)
+        return found
 
     number = cell(centres) @ np.array([1, side])
     order = np.argsort(number, kind="stable")
