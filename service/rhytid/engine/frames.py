@@ -6,6 +6,7 @@ from __future__ import annotations
 import hashlib
 import threading
 from collections import OrderedDict
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,8 @@ from rhytid.errors import (
 
 # Bytes of frames that are drawn without being stored, which are remembered.
 _RECENT = 64 << 20
+# Names in the message about a frame that there is not, at most.
+_LISTED = 8
 
 
 class UnknownFrameError(RhytidError):
@@ -214,7 +217,7 @@ class Frames:
     def _entry(self, name: str) -> _Stored:
         with self._lock:
             if name not in self._frames:
-                raise NotFoundError(f"no frame {name!r}")
+                raise NotFoundError(f"no frame {name!r}: {_there(self._frames)}")
             return self._frames[name]
 
     def _bytes(self, name: str) -> int:
@@ -222,6 +225,16 @@ class Frames:
         if entry is None or entry.frame.positions is None:
             return 0
         return entry.frame.positions.nbytes
+
+
+def _there(names: Iterable[str]) -> str:
+    """Words for the frames that there are, by name; of many the first."""
+    found = [NEUTRAL, *sorted(names)]
+    if len(found) == 1:
+        return f"there is {NEUTRAL} alone"
+    more = len(found) - _LISTED
+    end = [f"{more} more"] if more > 0 else [found.pop()]
+    return f"there are {', '.join(found[:_LISTED])} and {end[0]}"
 
 
 def refuse_neutral(name: str) -> None:
