@@ -12,6 +12,7 @@ from api.fake_state import FakeState
 from api.fake_tiles import FakeTiles
 from rhytid.device.figures import Figures
 from rhytid.engine.byte_budget import ByteBudget
+from rhytid.engine.changes import Mark
 from rhytid.engine.messages import (
     DeviceInfo,
 )
@@ -39,6 +40,9 @@ class FakeEngine:
 
     def ready(self) -> bool:
         return self.computes
+
+    def mark(self, asset: str, frame: str) -> Mark | None:
+        return None
 
     @property
     def waiting(self) -> int:

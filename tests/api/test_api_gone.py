@@ -82,7 +82,13 @@ def asked(client: httpx.Client, path: str) -> socket.socket:
 
 
 def at_rest(engine: Engine, client: httpx.Client) -> bool:
-    return engine.waiting == 0 and not any(use(client, one)["used"] for one in ("host", "small"))
+    held = {
+        (one, purpose): n
+        for one in ("host", "small")
+        for purpose, n in use(client, one)["purposes"].items()
+    }
+    held.pop(("small", "encoded"))  # tiles that are kept
+    return engine.waiting == 0 and not any(held.values())
 
 
 @pytest.mark.parametrize("place", ["tiles/1001/0/0/0", "maps/1001"])

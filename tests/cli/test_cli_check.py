@@ -223,3 +223,11 @@ def test_how_a_scan_is_read_needs_a_scan(
 ) -> None:
     said = usage_error(capsys, "check", str(head), *option)
     assert f"{option[0]} says how to read displacement: give --scan, too" in said
+
+
+@pytest.mark.parametrize("module", ["trimesh", "scipy.spatial", "pyopencl"])
+def test_a_mesh_is_checked_without_what_takes_long_to_import(module: str, head: Path) -> None:
+    call = f"from rhytid.cli import main; main(['check', {str(head)!r}])"
+    code = f"import sys; {call}; sys.exit({module!r} in sys.modules)"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    assert found.returncode == 0, found.stderr

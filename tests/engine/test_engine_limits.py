@@ -30,6 +30,7 @@ from meshes import deform
 from pipeline.scenes import random_graph, settings_of, sheet
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.mesh import RECENT_FRAMES
+from rhytid.engine.frames import Frame, FrameMemory, Frames, LogStretch
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import (
     BusyError,
@@ -272,5 +273,22 @@ def test_places_that_do_not_exist_are_not_found(engine):
             engine.tiles.plan(asset, "neutral", REDRAW, address)
     with pytest.raises(NotFoundError, match="0123456789abcdef"):
         engine.assets.info("0123456789abcdef")
-    with pytest.raises(NotFoundError, match="no frame"):
+    with pytest.raises(NotFoundError, match="no frame 'none': there is neutral alone"):
         engine.tiles.plan(asset, "none", REDRAW, ADDRESS).draw()
+
+
+@pytest.mark.parametrize(
+    ("count", "told"),
+    [
+        (1, "there are neutral and f0$"),
+        (7, "there are neutral, f0, f1, f2, f3, f4, f5 and f6$"),
+        (8, "there are neutral, f0, f1, f2, f3, f4, f5, f6 and 1 more$"),
+        (900, " and 893 more$"),
+    ],
+)
+def test_who_asks_for_no_frame_is_told_of_those_there_are(count: int, told: str) -> None:
+    frames, still = Frames(FrameMemory(1 << 20), "a"), np.zeros((1, 3), np.float32)
+    for number in range(count):
+        frames.put(f"f{number}", Frame.of(still), LogStretch.of(np.ones((1, 2), np.float32)))
+    with pytest.raises(NotFoundError, match=told):
+        frames.get("none")

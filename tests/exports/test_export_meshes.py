@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import io
+import json
+import struct
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import trimesh
+from numpy.typing import NDArray
 
 from meshes import SmallMesh
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import QueryError
-from rhytid.exports.meshes import MESH_FORMATS, flat_mesh, mesh_format
+from rhytid.exports.meshes import MESH_FORMATS, flat_mesh, mesh_format, normals, write_glb
 from rhytid.formats.meshes import read_mesh
 
 
@@ -28,6 +31,31 @@ def test_vertices_come_first_and_in_their_order(small_mesh: SmallMesh, format: s
     assert found.triangle_uv() == pytest.approx(mesh.triangle_uv(), abs=1e-6)
     theirs = trimesh.load_mesh(io.BytesIO(data), file_type=format, process=False)
     assert np.asarray(theirs.triangles) == pytest.approx(mesh.positions[mesh.faces], abs=1e-6)
+
+
+def attribute(data: bytes, name: str) -> NDArray[np.float32]:
+    """(W, 3) an attribute of a GLB with one mesh."""
+    size = struct.unpack_from("<I", data, 12)[0]
+    document = json.loads(data[20 : 20 + size])
+    number = document["meshes"][0]["primitives"][0]["attributes"][name]
+    view = document["bufferViews"][document["accessors"][number]["bufferView"]]
+    start = 28 + size + view["byteOffset"]
+    return np.frombuffer(data[start : start + view["byteLength"]], "<f4").reshape(-1, 3)
+
+
+def test_a_glb_has_normals_and_no_seam_in_them(small_mesh: SmallMesh) -> None:
+    mesh = Mesh(*small_mesh)
+    flat = flat_mesh(mesh)
+    found = attribute(write_glb(flat), "NORMAL")
+    assert found == pytest.approx(normals(mesh)[flat.source], abs=1e-6)
+
+    corners = mesh.faces.reshape(-1)
+    alone = Mesh(
+        mesh.positions[corners], np.arange(len(corners)).reshape(-1, 3), mesh.uv, mesh.face_uv
+    )
+    split = flat_mesh(alone)
+    found = attribute(write_glb(split), "NORMAL")
+    assert found == pytest.approx(normals(mesh)[corners[split.source]], abs=1e-6)
 
 
 def test_vertices_that_nothing_uses_stay(small_mesh: SmallMesh) -> None:

@@ -11,7 +11,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.formats.meshes import MeshFile
 from rhytid.meshes.check import MeshCheck
 from rhytid.meshes.layout import Layout
-from rhytid.meshes.topology import Topology
+from rhytid.meshes.topology import Topology, _Edges, joined
 
 
 def changed(small: SmallMesh, **arrays: object) -> Mesh:
@@ -177,3 +177,29 @@ def test_figures_name_places_where_they_were_sent(small_mesh: SmallMesh) -> None
     middle = small_mesh.positions[small_mesh.faces[70]].mean(axis=0)
     assert place["at"] == pytest.approx(middle + np.array([10_000, 0, 0]), abs=1e-3)
     assert figures["size"]["longest_mm"] == pytest.approx(2.0, rel=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_parts_are_those_of_trimesh_in_the_same_order(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    nodes = int(rng.integers(1, 300))
+    ends = rng.integers(0, nodes, (int(rng.integers(0, 2 * nodes)), 2))
+    expected = trimesh.graph.connected_component_labels(ends, node_count=nodes)
+    np.testing.assert_array_equal(joined(ends, nodes), expected)
+
+
+@pytest.mark.parametrize("order", ["up", "down", "shuffled"])
+def test_a_long_chain_is_one_part(order: str) -> None:
+    chain = np.arange(20_000)
+    if order != "up":
+        chain = np.random.default_rng(0).permutation(chain) if order == "shuffled" else chain[::-1]
+    assert not joined(np.stack([chain[:-1], chain[1:]], axis=1), len(chain)).any()
+
+
+def test_edges_and_areas_are_those_of_trimesh(small_mesh: SmallMesh) -> None:
+    found = _Edges(Mesh(*small_mesh))
+    tri = trimesh.Trimesh(found.points, found.faces, process=False, validate=False)
+    np.testing.assert_allclose(found.area, tri.area_faces, rtol=1e-12)
+    assert set(map(tuple, found.ends.tolist())) == set(map(tuple, tri.edges_unique.tolist()))
+    np.testing.assert_array_equal(found.ends[found.of], tri.edges_sorted)
+    np.testing.assert_array_equal(found.triangle, tri.edges_face)

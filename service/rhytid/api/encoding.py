@@ -16,13 +16,14 @@ from fastapi.responses import StreamingResponse
 from numpy.typing import NDArray
 
 from rhytid import __version__
+from rhytid.api.encoded_tiles import Asked, Known
 from rhytid.api.request_memory import PIECE, RequestMemory
 from rhytid.api.spool import Spool
 from rhytid.device.figures import working_on
-from rhytid.domain.tiles import MapAddress, TileAddress
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.byte_budget import Hold
-from rhytid.engine.messages import AssetContent, DrawnTile, FrameStretch, MapQuery, TileDescription
+from rhytid.engine.changes import Mark
+from rhytid.engine.messages import AssetContent, DrawnTile, FrameStretch, TileDescription
 from rhytid.errors import QueryError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.formats.tiles import FORMATS, Encoded, encode
@@ -40,6 +41,7 @@ WORKING = 2
 LARGE = 32 << 20
 SCALE = "X-Rhytid-Scale"
 WARNINGS = "X-Rhytid-Warnings"
+_UNKEPT = {"Cache-Control": "no-store"}
 
 
 def check_format(format: str) -> str:
@@ -64,58 +66,102 @@ def matches(if_none_match: str | None, tag: str) -> bool:
     return "*" in tags or any(t.removeprefix("W/") == tag for t in tags)
 
 
-def answer(
-    request: Request,
-    format: str,
-    drawing: Drawing,
-    asset: str,
-    frame: str,
-    query: MapQuery,
-    place: TileAddress | MapAddress,
-) -> Response:
+def answer(request: Request, drawing: Drawing, asked: Asked) -> Response:
     """The encoded displacement, 304 where the client has it, headers alone for HEAD.
 
     Only drawing takes a slot; raises BusyError, and what `RequestMemory.answer` does.
     """
-    check_format(format)
-    asked, headers_alone = request.headers.get("if-none-match"), request.method == "HEAD"
-    # Otherwise the key comes with the tile.
-    if asked is not None or headers_alone:
-        known = drawing.engine.tiles.describe(asset, frame, query, place)
-        validators = _validators(known, format)
-        if matches(asked, validators["ETag"]):
-            return Response(status_code=304, headers=validators)
-        if headers_alone:
-            about = {**validators, **scale_header(format, known.header)}
-            return bodiless(about, FORMATS[format].media_type)
+    check_format(asked.format)
+    if (kept := kept_answer(request, drawing, asked)) is not None:
+        return kept
+    if request.method == "HEAD" or "if-none-match" in request.headers:
+        # Otherwise the key comes with the tile.
+        mark = drawing.engine.mark(asked.asset, asked.frame)
+        found = drawing.engine.tiles.describe(*asked[1:])
+        short = _without_body(request, asked.format, *_noted(drawing, asked, found, mark))
+        if short is not None:
+            return short
+    return _drawn(drawing, asked)
+
+
+def kept_answer(request: Request, drawing: Drawing, asked: Asked) -> Response | None:
+    """The answer where it is kept, or has no body, and nothing has changed since it was made. The
+    engine is not called. Does not block."""
+    known = drawing.encoded.known(asked, drawing.engine.mark(asked.asset, asked.frame))
+    if known is None:
+        return None
+    short = _without_body(request, asked.format, known.validators, known.about)
+    if short is not None:
+        return short
+    encoded = drawing.encoded.kept(known.validators["ETag"])
+    if encoded is None or len(encoded.body) >= LARGE:
+        return None
+    if not drawing.memory.at_once(len(encoded.body)):
+        return None
+    drawing.metrics.tiles_of(asked.query.method).inc()
+    return Response(encoded.body, headers=known.about, media_type=encoded.media_type)
+
+
+def _without_body(
+    request: Request, format: str, validators: Mapping[str, str], about: Mapping[str, str]
+) -> Response | None:
+    """The answer to HEAD, and 304 where the client has the tile."""
+    if matches(request.headers.get("if-none-match"), validators["ETag"]):
+        return Response(status_code=304, headers=validators)
+    return bodiless(about, FORMATS[format].media_type) if request.method == "HEAD" else None
+
+
+def _noted(
+    drawing: Drawing, asked: Asked, found: TileDescription, mark: Mark | None
+) -> tuple[dict[str, str], dict[str, str]]:
+    """The headers of a tile, without and with a body, which are remembered.  mark: from before the
+    engine was asked."""
+    tag = etag(found.key, asked.format, found.header, __version__)
+    validators = {"ETag": tag, "Cache-Control": "no-cache"}
+    about = {**validators, **scale_header(asked.format, found.header)}
+    if mark is not None:
+        drawing.encoded.note(asked, Known(mark, validators, about))
+    return validators, about
+
+
+def _drawn(drawing: Drawing, asked: Asked) -> Response:
+    """The answer with a body, drawn."""
+    format, asset, frame, query, place = asked
     nbytes = TEXEL * drawing.engine.assets.dimensions(asset).grid.side_of(place) ** 2
     memory = drawing.memory
     with drawing.slot, memory.making(nbytes):
         hold = memory.answer(FORMATS[format].working * nbytes)
+        mark = drawing.engine.mark(asset, frame)
         drawn = drawing.engine.tiles.draw(asset, frame, query, place)
-        found, key = drawn.description, drawn.key
-        # Where it was replaced while it was drawn, these bytes may belong to either content.
-        tags = _validators(found, format) if key == found.key else {"Cache-Control": "no-store"}
-        encoded = _encoded(drawing, drawn, format, tags.get("ETag"))
+        found = drawn.description
+        # Where it was changed while it was drawn, these bytes may belong to either content. Another
+        # mark tells of two changes, of which the second took the first back.
+        same = mark is None or mark == drawing.engine.mark(asset, frame)
+        # What takes no time to encode is kept from the second time on: the memory that fresh bytes
+        # are written to costs more than it saves where each tile is asked for once.
+        keeps = FORMATS[format].compressed or drawing.encoded.known(asked, mark) is not None
+        if same and drawn.key == found.key:
+            validators, about = _noted(drawing, asked, found, mark)
+        else:
+            validators, about = {}, {**_UNKEPT, **scale_header(format, found.header)}
+        encoded = _encoded(drawing, drawn, format, validators.get("ETag") if keeps else None)
         del drawn
         hold.resize(len(encoded.body))
         file = memory.aside(encoded.body) if len(encoded.body) >= LARGE else None
     drawing.metrics.tiles_of(query.method).inc()
-    about = {**tags, **scale_header(format, found.header)}
     return _sent(encoded, about, hold, file)
 
 
 def _encoded(drawing: Drawing, drawn: DrawnTile, format: str, tag: str | None) -> Encoded:
-    """An encoded tile.  tag: its ETag, by which other requests for it have it, too."""
+    """An encoded tile.  tag: its ETag, by which other requests have it, too; None to keep it
+    for nobody."""
     header = drawn.description.header
 
     def make() -> Encoded:
         with working_on(header.method), drawing.metrics.figures.stage("encode"):
             return encode(drawn.tile, format, header)
 
-    if tag is None or not FORMATS[format].compressed:
-        return make()
-    return drawing.encoded.get(tag, make)
+    return make() if tag is None else drawing.encoded.get(tag, make)
 
 
 def _sent(encoded: Encoded, headers: Mapping[str, str], hold: Hold, file: Spool | None) -> Response:
@@ -126,11 +172,6 @@ def _sent(encoded: Encoded, headers: Mapping[str, str], hold: Hold, file: Spool 
     hold.release()
     about = {**headers, "Content-Length": str(len(body))}
     return StreamingResponse(file.pieces(PIECE), headers=about, media_type=kind)
-
-
-def _validators(tile: TileDescription, format: str) -> dict[str, str]:
-    tag = etag(tile.key, format, tile.header, __version__)
-    return {"ETag": tag, "Cache-Control": "no-cache"}
 
 
 def bodiless(headers: Mapping[str, str], media_type: str) -> Response:

@@ -17,7 +17,8 @@ from starlette.concurrency import run_in_threadpool
 
 from rhytid.api.access import guard
 from rhytid.api.dependencies import drawing_of
-from rhytid.api.encoding import answer
+from rhytid.api.encoded_tiles import Asked
+from rhytid.api.encoding import answer, kept_answer
 from rhytid.api.schemas import TileQuery
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.messages import MapQuery
@@ -44,13 +45,11 @@ class TileRoute(APIRoute):
                 return await usual(request)
             await guard(request)
             path, drawing = request.path_params, await drawing_of(request)
-            wanted = query["format"], drawing, path["asset"], path["frame"]
-
-            def draw() -> Response:
-                asked = MapQuery(query["method"], query["stretch"], query["sampling"])
-                return answer(request, *wanted, asked, place)
-
-            return await run_in_threadpool(draw)
+            wanted = MapQuery(query["method"], query["stretch"], query["sampling"])
+            asked = Asked(query["format"], path["asset"], path["frame"], wanted, place)
+            if (kept := kept_answer(request, drawing, asked)) is not None:
+                return kept
+            return await run_in_threadpool(answer, request, drawing, asked)
 
         return handler
 

@@ -89,6 +89,14 @@ class RequestMemory:
         hold.grow(nbytes)
         return hold
 
+    def at_once(self, nbytes: int) -> bool:
+        """Hold so many bytes for an answer that is there already; False, and none are held, where
+        they are not free now. Does not block."""
+        hold = self._small.taken("answers", nbytes)
+        if hold is not None:
+            self._held.callback(hold.release)
+        return hold is not None
+
     def aside(self, body: bytes) -> Spool | None:
         """Return a file with an answer, which goes when it is sent; None where the disk has no room
         for it now."""

@@ -19,6 +19,7 @@ from rhytid.engine.assets.on_device import DeviceAssets
 from rhytid.engine.assets.service import AssetService
 from rhytid.engine.assets.stored import RestoredAssets, StoredAssets
 from rhytid.engine.byte_budget import ByteBudget
+from rhytid.engine.changes import Mark, counted
 from rhytid.engine.frame_service import FrameService
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.local_copies import LocalCopies
@@ -120,6 +121,10 @@ class Engine:
         self.jobs.close()
         self._worker.close()
         self._store.close()
+
+    def mark(self, asset: str, frame: str) -> Mark:
+        """Counts of what was changed of an asset and a frame. Does not block."""
+        return counted().mark(asset, frame)
 
     def well(self) -> bool:
         """Whether the thread of the device runs. Does not block."""

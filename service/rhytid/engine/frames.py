@@ -6,6 +6,7 @@ from __future__ import annotations
 import hashlib
 import threading
 from collections import OrderedDict
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.frame import NEUTRAL, check_positions
 from rhytid.domain.warnings import InputWarning
+from rhytid.engine.changes import counted
 from rhytid.engine.messages import FrameInfo
 from rhytid.errors import (
     FetchingError,
@@ -24,6 +26,8 @@ from rhytid.errors import (
 
 # Bytes of frames that are drawn without being stored, which are remembered.
 _RECENT = 64 << 20
+# Names in the message about a frame that there is not, at most.
+_LISTED = 8
 
 
 class UnknownFrameError(RhytidError):
@@ -120,10 +124,13 @@ class _Stored:
 
 
 class Frames:
-    """The frames of one asset by name. The frame `neutral` always exists and cannot be written."""
+    """The frames of one asset by name. The frame `neutral` always exists and cannot be written.
 
-    def __init__(self, memory: FrameMemory) -> None:
-        self._memory = memory
+    asset: its id.
+    """
+
+    def __init__(self, memory: FrameMemory, asset: str) -> None:
+        self._memory, self._asset = memory, asset
         self._lock = threading.Lock()
         self._frames: dict[str, _Stored] = {}
         self._closed = self._left = False
@@ -154,7 +161,7 @@ class Frames:
         """
         assert frame.positions is not None
         refuse_neutral(name)
-        with self._lock:
+        with counted().changing(self._asset, name), self._lock:
             if self._left:
                 raise FetchingError(LEFT)
             if self._closed:
@@ -186,13 +193,13 @@ class Frames:
         """Delete a frame; raises NotFoundError, and ReadOnlyError for the neutral."""
         refuse_neutral(name)
         self._entry(name)
-        with self._lock:
+        with counted().changing(self._asset, name), self._lock:
             self._memory.change(-self._bytes(name))
             self._frames.pop(name, None)
 
     def close(self) -> None:
         """Delete every frame and store no more: the asset was removed."""
-        with self._lock:
+        with counted().changing(self._asset), self._lock:
             self._closed = True
             self._memory.change(-sum(self._bytes(name) for name in self._frames))
             self._frames.clear()
@@ -200,7 +207,7 @@ class Frames:
     def leave(self, *, anyway: bool = False) -> bool:
         """Store no more, because the asset leaves this machine. Returns False, and does nothing,
         where there is a frame.  anyway: its frames go with it."""
-        with self._lock:
+        with counted().changing(self._asset), self._lock:
             if anyway:
                 self._memory.change(-sum(self._bytes(name) for name in self._frames))
                 self._frames.clear()
@@ -210,7 +217,7 @@ class Frames:
     def _entry(self, name: str) -> _Stored:
         with self._lock:
             if name not in self._frames:
-                raise NotFoundError(f"no frame {name!r}")
+                raise NotFoundError(f"no frame {name!r}: {_there(self._frames)}")
             return self._frames[name]
 
     def _bytes(self, name: str) -> int:
@@ -218,6 +225,16 @@ class Frames:
         if entry is None or entry.frame.positions is None:
             return 0
         return entry.frame.positions.nbytes
+
+
+def _there(names: Iterable[str]) -> str:
+    """Words for the frames that there are, by name; of many the first."""
+    found = [NEUTRAL, *sorted(names)]
+    if len(found) == 1:
+        return f"there is {NEUTRAL} alone"
+    more = len(found) - _LISTED
+    end = [f"{more} more"] if more > 0 else [found.pop()]
+    return f"there are {', '.join(found[:_LISTED])} and {end[0]}"
 
 
 def refuse_neutral(name: str) -> None:

@@ -27,6 +27,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import MapAddress, TileAddress
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.byte_budget import ByteBudget, Hold
+from rhytid.engine.changes import Mark
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import (
     AssetContent,
@@ -460,6 +461,10 @@ class Engine(Protocol):
     @operation("engine")
     def devices(self) -> list[DeviceInfo]:
         """Every OpenCL device; budget and use are those of the selected ones, else 0."""
+
+    def mark(self, asset: str, frame: str) -> Mark | None:
+        """Counts of what was changed of an asset and a frame, whether they exist or not; None where
+        the engine cannot tell now. Does not block."""
 
     def well(self) -> bool:
         """Whether the engine can still answer. Does not block."""

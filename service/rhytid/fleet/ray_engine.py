@@ -59,6 +59,9 @@ class RayEngine(Proxy):
         """True: Ray looks after replicas, and ends those that are not."""
         return True
 
+    def mark(self, asset: str, frame: str) -> None:
+        """None: replicas change what they have, and other ingresses have them do so."""
+
     def ready(self) -> bool:
         """Whether a kernel computes on the device of a replica; true where all of them are busy."""
         try:

@@ -19,9 +19,11 @@ from typing import Any, NoReturn
 from rhytid.device import figures
 from rhytid.device.figures import Figures
 from rhytid.device.watch import SIZE, Purpose, Report, report_to, used_for
+from rhytid.engine import changes
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import AssetInfo
 from rhytid.errors import NotFoundError, RhytidError
+from rhytid.processes.device_process import SHARED
 from rhytid.processes.envelope import Answer, Envelope, answered
 from rhytid.processes.packing import Bytes, Packed, mapped, pack, private, unpack
 from rhytid.processes.wire import (
@@ -47,8 +49,12 @@ _log = logging.getLogger(__name__)
 
 
 def main(control: int, report: int, figures_memory: int, parent: int) -> NoReturn:
-    """Run the process.  control, report, figures_memory: descriptors of the control socket, and
-    of the memory for the report and for figures.  parent: the process that started this one."""
+    """Run the process.
+
+    control, report, figures_memory: descriptors of the control socket, of the memory for the report
+    and for the counts of changes, and of that for figures.  parent: the process that started this
+    one.
+    """
     _end_with(parent)
     for descriptor in (control, report, figures_memory):
         os.set_inheritable(descriptor, False)
@@ -63,8 +69,9 @@ def main(control: int, report: int, figures_memory: int, parent: int) -> NoRetur
         os._exit(0)
     start: Start = found[0]
     _log_as(start)
-    memory = mapped(report, mmap.PAGESIZE)
-    report_to(Report(memory.data[:SIZE]), start.settings.launch_seconds)
+    memory = mapped(report, SHARED).data
+    changes.count_in(memory[mmap.PAGESIZE :])
+    report_to(Report(memory[:SIZE]), start.settings.launch_seconds)
     counters = Figures(mapped(figures_memory, figures.SIZE).data)
     _Process(server).run(start, counters)
 

@@ -18,6 +18,8 @@ from multiprocessing import Pipe
 from typing import Any
 
 from rhytid.device.watch import SIZE, Purpose, Report
+from rhytid.engine import changes
+from rhytid.engine.changes import Changes
 from rhytid.processes.lines import Line, Lines
 from rhytid.processes.packing import mapped, shared_file
 from rhytid.processes.wire import Close, Control, OpenLine, Start, Started, close_all, readable
@@ -63,6 +65,8 @@ _log = logging.getLogger(__name__)
 LOOK = 0.1
 # Seconds that it has to end by itself once it is asked to, and to answer once it is started.
 CLOSING, STARTING = 4.0, 600.0
+# Bytes of the memory for its report and, after that, for the counts of what it changes.
+SHARED = mmap.PAGESIZE + changes.SIZE
 # Heaps that glibc makes there at most, unless the environment says otherwise. By itself it makes 8
 # per core, each with gaps of its own: after 15 minutes of mixed load on two cores 17 heaps took
 # 300 MiB. Python runs one thread at a time, and the kernels of PoCL allocate nothing.
@@ -99,9 +103,11 @@ class DeviceProcess:
             near, far = Pipe()
             undone.enter_context(near)
             with far:
-                memory = shared_file(mmap.PAGESIZE)
+                memory = shared_file(SHARED)
                 try:
-                    self.report = Report(mapped(memory, mmap.PAGESIZE).data[:SIZE])
+                    shared = mapped(memory, SHARED).data
+                    self.report = Report(shared[:SIZE])
+                    self.changes = Changes(shared[mmap.PAGESIZE :])
                     self._process = _spawned(far.fileno(), memory, figures_memory)
                 finally:
                     os.close(memory)

@@ -14,6 +14,7 @@ from rhytid.device.figures import Figures
 from rhytid.device.memory import usual_frame_memory, usual_host_memory
 from rhytid.engine import call_context
 from rhytid.engine.byte_budget import ByteBudget
+from rhytid.engine.changes import Mark
 from rhytid.engine.messages import DeviceInfo
 from rhytid.engine.operations import OPERATIONS, Proxy
 from rhytid.engine.worker import READY
@@ -56,6 +57,11 @@ class RemoteEngine(Proxy):
         """End the process: within a few seconds, whatever the device does. Calls that wait raise
         DeviceLostError."""
         self._supervisor.close()
+
+    def mark(self, asset: str, frame: str) -> Mark | None:
+        """Counts of what the process of the asset's device has changed of it and a frame; None
+        while that restarts. Does not block."""
+        return self._supervisor.mark(asset, frame)
 
     def well(self) -> bool:
         """Whether the process of a device answers, did within two minutes, and is started again

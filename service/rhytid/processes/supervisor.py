@@ -17,6 +17,7 @@ from typing import Any
 
 from rhytid.device import figures
 from rhytid.device.figures import Figures
+from rhytid.engine.changes import Mark
 from rhytid.engine.frames import UnknownFrameError
 from rhytid.engine.messages import Refusal
 from rhytid.errors import DeviceError, DeviceLostError, FatalRequestError
@@ -140,6 +141,12 @@ class Supervisor:
             except LineBroken:
                 self._refusals.check(request)
         raise DeviceLostError("the process of the device ended again and again; try later")
+
+    def mark(self, asset: str, frame: str) -> Mark | None:
+        """Counts of what the process has changed of an asset and a frame; None where none answers.
+        The counts of one process never equal those of another."""
+        process = self._ready
+        return None if process is None else process.changes.mark(asset, frame)
 
     def forget(self, asset: str) -> None:
         """An asset was changed or removed: what is asked of it may be tried again."""

@@ -10,6 +10,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
+from rhytid.engine.changes import Mark
 from rhytid.engine.messages import NewAsset
 from rhytid.engine.operations import OPERATIONS
 from rhytid.errors import DeviceLostError, NotFoundError, StorageError
@@ -98,6 +99,10 @@ class Supervisors:
             list(pool.map(Supervisor.close, self.all))
         if self._store is not None:
             self._store.close()
+
+    def mark(self, asset: str, frame: str) -> Mark | None:
+        """As `Supervisor.mark`."""
+        return self._of(asset).mark(asset, frame)
 
     def forget(self, asset: str) -> None:
         """As `Supervisor.forget`."""

@@ -31,6 +31,9 @@ _NARROWEST = 500.0
 # How many triangles around a centre are looked at: the one below is among the nearest unless it
 # is very much larger.
 _NEIGHBOURS = 8
+# Triangles that are looked at together for whether they cover a centre; the cells, and the centres,
+# that each may have to look at on average; how far a centre may lie outside by rounding, in UV.
+_AT_ONCE, _CELLS, _EDGE = 1 << 16, 64, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,6 +198,8 @@ def _covered_by_others(uv: NDArray[np.float64], usable: NDArray[np.bool_]) -> ND
     """
     index = np.flatnonzero(usable)
     centres = uv[index].mean(axis=1)
+    if not _may_cover(centres, uv[index]):  # most meshes: and SciPy's trees take long to import
+        return np.zeros(len(uv), bool)
     near = scipy.spatial.cKDTree(centres).query(
         centres, k=min(_NEIGHBOURS, len(index)), workers=-1
     )[1]
@@ -203,6 +208,49 @@ def _covered_by_others(uv: NDArray[np.float64], usable: NDArray[np.bool_]) -> ND
         cancellation.check()
         result[index] |= (other < np.arange(len(index))) & _inside(centres, uv[index[other]])
     return result
+
+
+def _may_cover(centres: FloatArray, corners: FloatArray) -> bool:
+    """Whether any centre (N, 2) lies in another triangle (N, 3, 2) than its own. True without
+    looking where triangles are so unequal that it would take long."""
+    side = max(int(np.sqrt(len(centres))), 1)
+    low, size = centres.min(axis=0), np.maximum(np.ptp(centres, axis=0), 1e-300)
+
+    def cell(points: FloatArray) -> NDArray[np.int64]:
+        """(N, 2) the square of a grid of side² that holds a point, or the nearest."""
+        found: NDArray[np.int64]
+        found = np.clip((points - low) / size * side, 0, side - 1).astype(np.int64)
+        return found
+
+    number = cell(centres) @ np.array([1, side])
+    order = np.argsort(number, kind="stable")
+    for start in range(0, len(centres), _AT_ONCE):
+        cancellation.check()
+        own = np.arange(start, min(start + _AT_ONCE, len(centres)))
+        least, most = corners[own].min(axis=1) - _EDGE, corners[own].max(axis=1) + _EDGE
+        first, last = cell(least), cell(most)
+        rows = last[:, 1] - first[:, 1] + 1
+        if rows.sum() > _CELLS * len(own):
+            return True
+        of, row = _counted(rows)
+        row = (row + first[of, 1]) * side
+        begin = np.searchsorted(number[order], row + first[of, 0])
+        count = np.searchsorted(number[order], row + last[of, 0], "right") - begin
+        if count.sum() > _CELLS * len(own):
+            return True
+        which, step = _counted(count)
+        point, of = order[begin[which] + step], of[which]
+        near = ((centres[point] >= least[of]) & (centres[point] <= most[of])).all(axis=1)
+        near &= point != own[of]
+        if _inside(centres[point[near]], corners[own[of[near]]]).any():
+            return True
+    return False
+
+
+def _counted(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The place of each count as often as it says, and the numbers from 0 on beside it."""
+    which = np.repeat(np.arange(len(counts)), counts)
+    return which, np.arange(len(which)) - (np.cumsum(counts) - counts)[which]
 
 
 def _inside(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.bool_]:

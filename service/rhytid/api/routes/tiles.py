@@ -24,6 +24,7 @@ from rhytid.api.dependencies import (
     Udim,
 )
 from rhytid.api.documentation import POSITIONS, TILES, TILES_ONCE, problems
+from rhytid.api.encoded_tiles import Asked
 from rhytid.api.encoding import TEXEL, WORKING, answer, check_format, scale_header, warnings_header
 from rhytid.api.multipart import MixedPart, mixed_response
 from rhytid.api.quick_route import TileRoute
@@ -68,7 +69,7 @@ def tile(
 ) -> Response:
     """One tile of displacement; `If-None-Match` is answered without drawing it."""
     place = TileAddress(udim, level, row, column)
-    return answer(request, query.format, drawing, asset, frame, query.map_query(), place)
+    return answer(request, drawing, Asked(query.format, asset, frame, query.map_query(), place))
 
 
 @router.head("/frames/{frame}/maps/{udim}", include_in_schema=False)
@@ -88,7 +89,7 @@ def whole_map(
 ) -> Response:
     """A whole map of one UDIM; equals its tiles bit for bit."""
     place = MapAddress(udim, query.level)
-    return answer(request, query.format, drawing, asset, frame, query.map_query(), place)
+    return answer(request, drawing, Asked(query.format, asset, frame, query.map_query(), place))
 
 
 @router.post(

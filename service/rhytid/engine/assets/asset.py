@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -22,6 +22,7 @@ from rhytid.domain.notices import Notice, build_notice, grain_notice, texel_noti
 from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.domain.uv_layout import usual_uv_length
 from rhytid.domain.warnings import InputWarning
+from rhytid.engine.changes import counted
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import LEFT, Frame, FrameMemory, Frames
 from rhytid.engine.job import Job
@@ -36,6 +37,8 @@ from rhytid.errors import (
 )
 
 _SMALL_WRINKLES, _SMALL_RESOLUTION = 50_000, 2048
+# Attributes that tiles, and whether there are any, hang on.
+_SHOWN = frozenset({"settings", "state"})
 
 
 @dataclass(eq=False)
@@ -78,6 +81,10 @@ class Asset:
     # Held while work that its tasks deferred is done in steps.
     making: threading.Lock = field(default_factory=threading.Lock)
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        with counted().changing(self.id) if name in _SHOWN else nullcontext():
+            super().__setattr__(name, value)
+
     @classmethod
     def of(
         cls,
@@ -95,7 +102,7 @@ class Asset:
             vertices=len(mesh.positions),
             triangles=len(mesh.faces),
             udims=mesh_udims(mesh),
-            frames=Frames(memory),
+            frames=Frames(memory, id),
             warnings=warnings,
             centre=mesh.centre,
             mesh=read,
@@ -104,7 +111,7 @@ class Asset:
     @classmethod
     def failed(cls, id: str, reason: str, memory: FrameMemory) -> Asset:
         """A failed asset of which only the id is known.  reason: why it failed."""
-        asset = cls(id, AssetSettings(), 0, 0, (), Frames(memory))
+        asset = cls(id, AssetSettings(), 0, 0, (), Frames(memory, id))
         asset.fail(reason)
         return asset
 
@@ -286,7 +293,7 @@ class AssetRegistry:
         """Register `new` in place of `old`, each of which may be None. Returns False, and changes
         nothing, where `old` is not what is registered now."""
         id = (new or old).id  # type: ignore[union-attr]
-        with self._lock:
+        with counted().changing(id), self._lock:
             if self._assets.get(id) is not old:
                 return False
             if new is None:
