@@ -29,6 +29,7 @@ ALLOWED = {
     "meshes": _FACTS | {"formats", "synthesis"},
     "pipeline": _TOOLS,
     "synthesis": _TOOLS,
+    "tracing": _TOOLS | {"pipeline", "synthesis"},
     "storage": _TOOLS,
     "exports": _FACTS | {"formats", "pipeline"},
     "engine": _TOOLS | _WORK | {"exports"},

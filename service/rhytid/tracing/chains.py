@@ -1,0 +1,162 @@
+"""Follows valley points to chains, and joins chains that go on across a gap."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from rhytid.support import cancellation
+from rhytid.tracing.ridges import Floats, ValleyPoints
+
+Links = NDArray[np.int64]
+NONE = -1
+# Least cosines of the way to a neighbour and of its direction with the direction of a point.
+_AHEAD, _ALIKE = 0.75, 0.75
+# What a turn, and another scale, cost of the way to a neighbour, texels.
+_TURN, _OTHER_SCALE = 2.0, 0.3
+# Rows of texels in which neighbours are looked up at a time, and how far away these are.
+_ROWS, _REACH = 2048, 2
+# Points of a chain that is joined with others.
+_JOINED = 4
+# Least cosine of the way over a gap with the directions at its sides.
+_OVER_GAP = 0.85
+
+
+def linked(points: ValleyPoints, shape: tuple[int, int]) -> Links:
+    """(K, 2) for each point the next one ahead, in the sense of `along`, and behind, or NONE. Two
+    are linked where each is the best choice of the other.
+
+    points: by row and column of a map of `shape`.
+    """
+    picked = np.full((len(points), 2), NONE, np.int64)
+    for top in range(0, shape[0], _ROWS):
+        cancellation.check()
+        low, first, last, high = np.searchsorted(
+            points.row, [top - _REACH, top, top + _ROWS, top + _ROWS + _REACH]
+        )
+        if last > first:
+            some = points.take(np.arange(low, high))
+            found = _best(some, (top - _REACH, min(_ROWS, shape[0] - top) + 2 * _REACH, shape[1]))
+            own = found[first - low : last - low]
+            picked[first:last] = np.where(own >= 0, own + low, NONE)
+    return mutual(picked)
+
+
+def _best(points: ValleyPoints, window: tuple[int, int, int]) -> Links:
+    """(K, 2) the best neighbours ahead and behind, of points in a window (top row, rows, columns)
+    of the map."""
+    top, rows, columns = window
+    index = np.full((rows + 2 * _REACH, columns + 2 * _REACH), NONE, np.int64)
+    row, column = points.row - top + _REACH, points.column + _REACH
+    index[row, column] = np.arange(len(points))
+    found = np.full((len(points), 2), NONE, np.int64)
+    least = np.full((len(points), 2), np.inf)
+    steps = range(-_REACH, _REACH + 1)
+    for dy, dx in product(steps, steps):
+        other = index[row + dy, column + dx]
+        near = np.flatnonzero((other >= 0) & ((dy, dx) != (0, 0)))
+        cost, ahead = _cost(points, near, other[near])
+        for side, here in ((0, ahead > 0), (1, ahead < 0)):
+            better = here & (cost < least[near, side])
+            least[near[better], side] = cost[better]
+            found[near[better], side] = other[near[better]]
+    return found
+
+
+def _cost(points: ValleyPoints, one: NDArray[np.int64], two: NDArray[np.int64]) -> tuple[
+    Floats, Floats
+]:  # fmt: skip
+    """(N,) what it costs to go from points `one` to points `two`, infinite where lines do not go
+    that way, and whether that is ahead, above 0, or behind."""
+    step = np.stack([points.x[two] - points.x[one], points.y[two] - points.y[one]], axis=1)
+    length = np.maximum(np.linalg.norm(step, axis=1), 1e-9)
+    along = (step * points.along[one]).sum(axis=1) / length
+    alike = np.abs((points.along[one] * points.along[two]).sum(axis=1))
+    cost = length + _TURN * (2.0 - np.abs(along) - alike)
+    cost += _OTHER_SCALE * np.abs(np.log(points.scale[two] / points.scale[one]))
+    cost[(np.abs(along) <= _AHEAD) | (alike <= _ALIKE) | (length < 0.3)] = np.inf
+    return cost, along
+
+
+def mutual(picked: Links) -> Links:
+    """Links, of which those stay that go both ways."""
+    me = np.arange(len(picked))[:, None]
+    back = picked[np.maximum(picked, 0)]
+    kept = (picked >= 0) & (back == me[..., None]).any(axis=-1)
+    kept[:, 1] &= picked[:, 0] != picked[:, 1]
+    found: Links = np.where(kept, picked, NONE)
+    return found
+
+
+def joined(points: ValleyPoints, links: Links, gap: float) -> Links:
+    """Links over gaps of up to `gap` texels, too, where two ends of chains point at each other:
+    a line goes on behind a pore that it crosses, or where it is too faint. Chains of fewer than
+    _JOINED points say too little of where they go.
+    """
+    end, side = np.nonzero((links < 0) & (_sizes(links) >= _JOINED)[:, None])
+    if len(end) < 2:
+        return links
+    place = np.stack([points.x[end], points.y[end]], axis=1)
+    out = points.along[end] * np.where(side == 0, 1.0, -1.0)[:, None]
+    pairs = scipy.spatial.cKDTree(place).query_pairs(gap, output_type="ndarray")
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    one, two = pairs.T
+    step = place[two] - place[one]
+    length = np.maximum(np.linalg.norm(step, axis=1), 1e-9)
+    ahead = (step * out[one]).sum(axis=1) / length
+    facing = -(step * out[two]).sum(axis=1) / length
+    cost = length * (1.0 + _TURN * (2.0 - ahead - facing))
+    good = (np.minimum(ahead, facing) > _OVER_GAP) & (end[one] != end[two])
+    one, two, cost = one[good], two[good], cost[good]
+    best = np.full(len(end), NONE, np.int64)
+    order = np.lexsort((two, cost))
+    which, first = np.unique(one[order], return_index=True)
+    best[which] = two[order][first]
+    both = np.flatnonzero((best >= 0) & (best[np.maximum(best, 0)] == np.arange(len(end))))
+    result: Links = links.copy()
+    result[end[both], side[both]] = end[best[both]]
+    return result
+
+
+def _sizes(links: Links) -> NDArray[np.int64]:
+    """(K,) how many points the chain of each point has."""
+    one, side = np.nonzero(links >= 0)
+    graph = scipy.sparse.coo_matrix(
+        (np.ones(len(one), np.int8), (one, links[one, side])), (len(links), len(links))
+    )
+    _, chain = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    sizes: NDArray[np.int64] = np.bincount(chain)[chain]
+    return sizes
+
+
+def chains_of(links: Links) -> list[NDArray[np.int64]]:
+    """The chains of two points or more, each in order, from its end with the lower number; of rings
+    from the lowest number on."""
+    seen = np.zeros(len(links), np.bool_)
+    ends, rings = (np.flatnonzero((links >= 0).sum(axis=1) == count) for count in (1, 2))
+    ahead = links.tolist()
+    found = []
+    for number, start in enumerate([*ends.tolist(), *rings.tolist()]):
+        if number % 4096 == 0:
+            cancellation.check()
+        if not seen[start]:
+            chain = _walk(ahead, start)
+            seen[chain] = True
+            if len(chain) > 1:
+                found.append(np.array(chain, np.int64))
+    return found
+
+
+def _walk(links: list[list[int]], start: int) -> list[int]:
+    """The points from an end on, or once around a ring."""
+    chain, before, here = [start], NONE, start
+    while True:
+        one, two = links[here]
+        after = one if one not in (before, NONE) else two
+        if after in (before, NONE, start):
+            return chain
+        chain.append(after)
+        before, here = here, after

@@ -1,0 +1,259 @@
+"""Fits weights and sizes of traced lines and pores to a scan: the device draws the neutral of
+them, and each changes by what the scan is above that. Kernel: fit.cl.
+
+A step is one of Gauss and Newton with the diagonal of the normal equations, shortened.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from rhytid.device.runtime import Device
+from rhytid.domain.asset_settings import CUSHION_THRESHOLD, AssetSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.levels import render_to_host
+from rhytid.pipeline.redraw import ScaleBuffers, redrawing
+from rhytid.support import cancellation
+from rhytid.synthesis.progress import Progress, silent
+from rhytid.synthesis.workspace import Workspace
+from rhytid.tracing.elements import (
+    TracedLines,
+    TracedPores,
+    changed,
+    changed_pores,
+    graph_arrays,
+)
+from rhytid.tracing.ridges import Floats
+
+STEPS = 10
+# Of the step that the diagonal gives: neighbours that overlap share what is left.
+_TAKEN = 0.4
+# What the diagonal gets more, of weights and of the logarithms of sizes: what hardly shows stays.
+_HELD_WEIGHT, _HELD_SIZE = 0.25, 0.06
+# The most that a step changes: of weights in shares of them and beside, of logarithms of sizes.
+_MOST_SHARE, _MOST_WEIGHT, _MOST_SIZE = 0.5, 0.03, 0.15
+# Texels of the mean that is taken off what is left, and off what is drawn to have its narrow
+# valleys.
+_BROAD, _CUSHIONS = 129, 9
+# Texels around a wrinkle of a tile that its layers reach at most.
+_TILE, _AROUND = 1024, 64
+# Weights below are no lines or pores.
+_LEAST = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """Lines and pores of a UDIM, and the root mean square of what is left of the scan after each
+    step, relief units."""
+
+    lines: TracedLines
+    pores: TracedPores
+    left: list[float]
+
+
+def fitted(
+    work: Workspace,
+    device: Device,
+    lines: TracedLines,
+    pores: TracedPores,
+    scan: NDArray[np.float32],
+    inside: NDArray[np.bool_],
+    settings: AssetSettings,
+    steps: int = STEPS,
+    progress: Progress = silent,
+) -> Fitted:
+    """Lines and pores after some steps; the last before what is left grew.
+
+    scan (R, R): relief, mesh units.  inside (R, R): where there is skin.  settings: resolved,
+    without grain and undulation.
+    """
+    best, left = (lines, pores), []
+    for step in range(steps + 1):
+        progress(step / (steps + 1), "fit")
+        drawn = drawn_neutral(device, neutral_graph(lines, pores, settings), settings, 1001)
+        apart = np.where(inside, scan - drawn, np.float32(0.0))
+        left.append(float(np.sqrt(np.mean(apart.astype(np.float64)[inside] ** 2))))
+        if left[-1] <= min(left):
+            best = lines, pores
+        if step == steps:
+            break
+        maps = _maps(apart, drawn, settings)
+        lines, pores = _stepped(work, lines, pores, maps, settings)
+    return Fitted(best[0].without_faint(_LEAST), best[1].without_faint(_LEAST), left)
+
+
+def neutral_graph(lines: TracedLines, pores: TracedPores, settings: AssetSettings) -> WrinkleGraph:
+    """The graph of lines and pores of a UDIM as if it were the first, without seams."""
+    arrays: dict[str, Any] = graph_arrays(lines, pores, 1001, settings.resolution)
+    return WrinkleGraph(**arrays)
+
+
+def drawn_neutral(
+    device: Device, graph: WrinkleGraph, settings: AssetSettings, udim: int
+) -> NDArray[np.float32]:
+    """(R, R) the neutral map of a graph, mesh units, without grain, undulation and events."""
+    of_wrinkles, of_pores = (np.zeros(count, np.int32) for count in (graph.wrinkles, graph.pores))
+    wrinkles = wrinkle_arrays(graph, of_wrinkles, settings, udim)
+    arrays = wrinkles, pore_arrays(graph, of_pores, settings, udim)
+    with device.task():
+        elements = UdimElements(device, *arrays, settings.bins.count)
+        scales = _even_scales(device, elements)
+        draw = redrawing(device, elements, settings, scales)
+        found = render_to_host(device, draw, 0, 0, 0, settings.resolution)
+        scales.release()
+        elements.release()
+    cancellation.check()
+    return found
+
+
+def _even_scales(device: Device, elements: UdimElements) -> ScaleBuffers:
+    """Scales of the neutral: 1."""
+    counts = ((4 if elements.bent else 2) * elements.wrinkles, 2 * elements.pores)
+    return ScaleBuffers(*(device.full(max(count, 1), np.float32(1.0)) for count in counts))
+
+
+def _maps(
+    apart: NDArray[np.float32], drawn: NDArray[np.float32], settings: AssetSettings
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """What is left without its broad part, and how deep narrow valleys are drawn, in depths."""
+    assert settings.depth is not None
+    per_depth = np.float32(1.0 / settings.depth)
+    left = (apart - _broad(apart, _BROAD)) * per_depth
+    narrow = drawn if settings.shape.cushion == 0.0 else drawn - _broad(drawn, _CUSHIONS)
+    return left, np.maximum(-narrow, np.float32(0.0)) * per_depth
+
+
+def _broad(values: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+    """The mean around each texel, of a nearly Gaussian weight."""
+    once = scipy.ndimage.uniform_filter(values, side, mode="nearest")
+    found: NDArray[np.float32] = scipy.ndimage.uniform_filter(once, side, mode="nearest")
+    return found
+
+
+def _stepped(
+    work: Workspace,
+    lines: TracedLines,
+    pores: TracedPores,
+    maps: tuple[NDArray[np.float32], NDArray[np.float32]],
+    settings: AssetSettings,
+) -> tuple[TracedLines, TracedPores]:
+    """Lines and pores after one step."""
+    of_edges, of_pores = sums_of(work, lines, pores, maps, settings)
+    of_nodes = np.zeros((len(lines.x), 4))
+    for end, columns in ((0, (0, 1, 4, 5)), (1, (2, 3, 6, 7))):
+        for to, column in enumerate(columns):
+            values = of_edges[:, column]
+            of_nodes[:, to] += np.bincount(lines.edges[:, end], values, len(lines.x))
+    weight, width = _moved(lines.weight, lines.half_width, of_nodes)
+    return changed(lines, weight, width), changed_pores(
+        pores, *_moved(pores.weight, pores.size, of_pores)
+    )
+
+
+def _moved(weight: Floats, size: Floats, sums: Floats) -> tuple[Floats, Floats]:
+    """Weights and sizes after one step, from the sums (N, 4) of fit.cl."""
+    more = _TAKEN * sums[:, 0] / (sums[:, 1] + _HELD_WEIGHT)
+    most = _MOST_SHARE * weight + _MOST_WEIGHT
+    larger = _TAKEN * sums[:, 2] / (sums[:, 3] + _HELD_SIZE)
+    return (
+        weight + np.clip(more, -most, most),
+        size * np.exp(np.clip(larger, -_MOST_SIZE, _MOST_SIZE)),
+    )
+
+
+def sums_of(
+    work: Workspace,
+    lines: TracedLines,
+    pores: TracedPores,
+    maps: tuple[NDArray[np.float32], NDArray[np.float32]],
+    settings: AssetSettings,
+) -> tuple[Floats, Floats]:
+    """(M, 8) of wrinkles and (K, 4) of pores: the sums of fit.cl, tile by tile.
+
+    maps: what is left, and how deep narrow valleys are, in depths.
+    """
+    of_edges, of_pores = np.zeros((len(lines), 8)), np.zeros((len(pores), 4))
+    count = -(-settings.resolution // _TILE)
+    x, y = (v[lines.edges].mean(axis=1) for v in (lines.x, lines.y))
+    tiles = zip(_by_tile(x, y, count), _by_tile(pores.x, pores.y, count), strict=True)
+    for tile, (edges, some) in enumerate(tiles):
+        if len(edges) or len(some):
+            corner = (tile // count * _TILE - _AROUND, tile % count * _TILE - _AROUND)
+            with work.nested() as nested:
+                window = _Window(nested, maps, corner)
+                of_edges[edges] = window.of_wrinkles(lines, edges, settings)
+                of_pores[some] = window.of_pores(pores, some)
+    return of_edges, of_pores
+
+
+def _by_tile(x: Floats, y: Floats, count: int) -> list[NDArray[np.int64]]:
+    """The numbers of the places in each of count² tiles, row by row."""
+    column, row = (np.clip(v // _TILE, 0, count - 1).astype(np.int64) for v in (x, y))
+    tile = row * count + column
+    order = np.argsort(tile, kind="stable")
+    return np.split(order, np.searchsorted(tile[order], np.arange(1, count * count)))
+
+
+class _Window:
+    """A tile of the maps, with what is around it, on the device."""
+
+    def __init__(
+        self,
+        work: Workspace,
+        maps: tuple[NDArray[np.float32], NDArray[np.float32]],
+        corner: tuple[int, int],
+    ) -> None:
+        self._work, self._corner = work, np.array(corner[::-1], np.float64)  # x, y
+        self._side = _TILE + 2 * _AROUND
+        self._maps = [work.upload(_cut_out(m, corner, self._side)) for m in maps]
+
+    def of_wrinkles(
+        self, lines: TracedLines, edges: NDArray[np.int64], settings: AssetSettings
+    ) -> Floats:
+        """(len(edges), 8) sums of some wrinkles."""
+        if not len(edges):
+            return np.zeros((0, 8))
+        one, two = lines.edges[edges].T
+        start = np.stack([lines.x[one], lines.y[one]], axis=1) - self._corner
+        extent = np.stack([lines.x[two] - lines.x[one], lines.y[two] - lines.y[one]], axis=1)
+        widths, weights = (v[lines.edges[edges]] for v in (lines.half_width, lines.weight))
+        s = settings.shape
+        form = (s.wrinkle_bulge, s.least_half_width, s.cushion, s.cushion_width)
+        given = [np.concatenate(pair, axis=1) for pair in ((start, extent), (widths, weights))]
+        given.append(lines.slopes[edges])
+        buffers = [self._work.upload(array.astype(np.float32)) for array in given]
+        shape = np.array(form, np.float32), CUSHION_THRESHOLD
+        return self._run("fit_wrinkles", 8, len(edges), *buffers, *shape)
+
+    def of_pores(self, pores: TracedPores, some: NDArray[np.int64]) -> Floats:
+        """(len(some), 4) sums of some pores."""
+        if not len(some):
+            return np.zeros((0, 4))
+        centre = np.stack([pores.x[some], pores.y[some]], axis=1) - self._corner
+        root = pores.root[some] / pores.size[some, None]
+        given = centre, np.concatenate([root, pores.weight[some, None]], axis=1)
+        buffers = [self._work.upload(array.astype(np.float32)) for array in given]
+        return self._run("fit_pores", 4, len(some), *buffers)
+
+    def _run(self, kernel: str, width: int, count: int, *given: object) -> Floats:
+        found = self._work.empty(width * count, np.float32)
+        self._work.run("fit", kernel, count, *given, *self._maps, self._side, found)
+        return self._work.read(found, (count, width), np.float32).astype(np.float64)
+
+
+def _cut_out(
+    values: NDArray[np.float32], corner: tuple[int, int], side: int
+) -> NDArray[np.float32]:
+    """(side, side) of a map from a corner (row, column) on, which may lie outside; 0 beyond."""
+    found = np.zeros((side, side), np.float32)
+    top, left = (max(c, 0) for c in corner)
+    part = values[top : corner[0] + side, left : corner[1] + side]
+    y, x = top - corner[0], left - corner[1]
+    found[y : y + part.shape[0], x : x + part.shape[1]] = part
+    return found

@@ -1,0 +1,266 @@
+"""Traces scans: from the relief of each UDIM to a wrinkle graph, and the residual that it does not
+draw.
+
+    displacement(frame) = drawn(graph, frame) + residual · gain(frame)
+
+At rest this is the scan, since the residual is the scan less the neutral of the graph.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from rhytid.device.runtime import Device
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph import GraphOrigin, WrinkleGraph
+from rhytid.domain.lengths import usual_spacing
+from rhytid.domain.mesh import Mesh
+from rhytid.errors import InputError
+from rhytid.pipeline.locate import UdimTriangles, locate_points
+from rhytid.support import cancellation
+from rhytid.synthesis.progress import Progress, part, silent
+from rhytid.synthesis.seams.borders import Borders
+from rhytid.synthesis.seams.charts import neighbours
+from rhytid.synthesis.seams.copies import with_copies
+from rhytid.synthesis.surface import Surface
+from rhytid.synthesis.workspace import Caller, Workspace, directly
+from rhytid.tracing.chains import chains_of, joined, linked
+from rhytid.tracing.elements import (
+    TracedLines,
+    TracedPores,
+    graph_arrays,
+    lines_of,
+    outside_pits,
+    pores_of,
+)
+from rhytid.tracing.fit import STEPS, drawn_neutral, fitted
+from rhytid.tracing.noise import noise_of
+from rhytid.tracing.ridges import TILE, Limits, find_ridges
+
+Relief = NDArray[np.float32]
+# The least curvature of a line times the square of its scale, in depths.
+_FAINTEST = 0.015
+# Gaps in a line that are closed, texels.
+_GAP = 6.0
+# Copies over seams are looked for as closely as among pores half a spacing apart.
+_CLOSEST = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """What scans were traced to.
+
+    graph: with copies at seams.  residual: (R, R) float32 of each UDIM, mesh units: the scan less
+    what the graph draws at rest, there and outside of charts.  left: for each UDIM the root mean
+    square of what was left within charts after each step of the fit.  noise: of each UDIM, from
+    texel to texel.
+    """
+
+    graph: WrinkleGraph
+    residual: dict[int, Relief]
+    left: dict[int, list[float]]
+    noise: dict[int, float]
+
+
+@dataclass(frozen=True)
+class TraceSettings:
+    """How scans are traced.
+
+    spacing: of pores, mesh units, which the graph is said to have; None is usual in the unit.
+    steps: of the fit.  tile: texels of a side that lines are looked for in at a time.
+    """
+
+    spacing: float | None = None
+    steps: int = STEPS
+    tile: int = TILE
+
+
+def trace(
+    device: Device,
+    mesh: Mesh,
+    reliefs: Mapping[int, Relief],
+    settings: AssetSettings,
+    how: TraceSettings | None = None,
+    progress: Progress = silent,
+    call: Caller = directly,
+) -> Trace:
+    """Trace the relief of each UDIM.
+
+    reliefs: (R, R) float32 of each UDIM by its number, mesh units, 0 for the smooth surface, with R
+    of the settings; row 0 is the top.  settings: resolved. Their shape is what the graph is drawn
+    with later, but for grain and undulation, which a scan has of its own.  progress(fraction,
+    stage): called often; may raise CancelledError.  call: runs each step of the search in a task of
+    the device.
+
+    Raises InputError naming the UDIM whose relief has another size or is not finite, or where there
+    is none, and MeshError where the mesh has no UV that can carry lines.
+    """
+    how, drawn = how or TraceSettings(), traced_settings(settings)
+    if not reliefs:
+        raise InputError("there is no scan to trace")
+    for udim, relief in reliefs.items():
+        _check(udim, relief, settings.resolution)
+    surface = Surface.of(mesh)
+    parts, left, noise = [], {}, {}
+    for number, (udim, relief) in enumerate(sorted(reliefs.items())):
+        within = part(progress, 0.9 * number / len(reliefs), 0.9 * (number + 1) / len(reliefs))
+        with Workspace(device, call) as work:
+            inside = charted(device, mesh, udim, settings)
+            found = _traced(work, device, relief, inside, drawn, how, within)
+        lines, pores, left[udim], noise[udim] = found
+        parts.append((udim, lines, pores))
+    progress(0.9, "seams")
+    graph = _graph(device, mesh, surface, parts, drawn, how)
+    residual = {}
+    for number, (udim, relief) in enumerate(sorted(reliefs.items())):
+        progress(0.95 + 0.05 * number / len(reliefs), "residual")
+        residual[udim] = relief - drawn_neutral(device, graph, drawn, udim)
+    progress(1.0, "residual")
+    return Trace(graph, residual, left, noise)
+
+
+def traced_settings(settings: AssetSettings) -> AssetSettings:
+    """The settings with which a traced graph is drawn: these, without grain and undulation."""
+    return replace(settings, shape=replace(settings.shape, grain=0.0, undulation=0.0))
+
+
+def charted(device: Device, mesh: Mesh, udim: int, settings: AssetSettings) -> NDArray[np.bool_]:
+    """(R, R) whether the middle of each texel lies in a triangle."""
+    side = settings.resolution
+    with device.task():
+        triangles = UdimTriangles(device, mesh, udim, side, 0)
+        found = triangles.texels(side, 0, 0, side)
+        inside: NDArray[np.bool_] = device.read(found, (side, side), np.int32) < triangles.none
+        found.release()
+        triangles.release()
+    return inside
+
+
+def _check(udim: int, relief: Relief, side: int) -> None:
+    if relief.shape != (side, side):
+        size = " by ".join(str(s) for s in relief.shape)
+        raise InputError(f"the scan of UDIM {udim} has {size} texels: must be {side} by {side}")
+    finite = np.isfinite(relief)
+    if not finite.all():
+        row, column = np.argwhere(~finite)[0]
+        raise InputError(f"the scan of UDIM {udim} is not finite at row {row}, column {column}")
+
+
+def _traced(
+    work: Workspace,
+    device: Device,
+    relief: Relief,
+    inside: NDArray[np.bool_],
+    settings: AssetSettings,
+    how: TraceSettings,
+    progress: Progress,
+) -> tuple[TracedLines, TracedPores, list[float], float]:
+    """Lines and pores of a UDIM, fitted; what was left after each step; the noise."""
+    assert settings.depth is not None
+    depth = settings.depth
+    noise = noise_of(relief, inside)
+    limits = Limits(_FAINTEST * depth, noise)
+    whole = _filled(relief, inside)
+    searching = part(progress, 0.0, 0.3)
+    points, pits = find_ridges(work, whole, inside, limits, how.tile, searching)
+    links = joined(points, linked(points, relief.shape), _GAP)
+    pores = pores_of(pits, depth)
+    chains = outside_pits(points, chains_of(links), pores)
+    lines = lines_of(points, chains, depth, settings.shape)
+    fitting = part(progress, 0.3, 1.0)
+    found = fitted(work, device, lines, pores, relief, inside, settings, how.steps, fitting)
+    return found.lines, found.pores, found.left, noise
+
+
+def _filled(relief: Relief, inside: NDArray[np.bool_]) -> Relief:
+    """The relief, with that of the nearest texel of a chart where there is none: what a map holds
+    beyond its charts is not skin, and the step there no line."""
+    if inside.all() or not inside.any():
+        return relief
+    cancellation.check()
+    nearest = scipy.ndimage.distance_transform_edt(
+        ~inside, return_distances=False, return_indices=True
+    )
+    filled: Relief = relief[tuple(nearest)]
+    return filled
+
+
+def _graph(
+    device: Device,
+    mesh: Mesh,
+    surface: Surface,
+    parts: list[tuple[int, TracedLines, TracedPores]],
+    settings: AssetSettings,
+    how: TraceSettings,
+) -> WrinkleGraph:
+    """The graph of all UDIMs, on the triangles of the mesh, with copies at seams."""
+    spacing = how.spacing or usual_spacing(settings.length_unit)
+    joint = _together(parts, settings.resolution)
+    located = _located(device, mesh, joint, settings)
+    arrays = _on_triangles(joint, located, len(mesh.faces))
+    cancellation.check()
+    borders = Borders.of(mesh, surface, neighbours(mesh))
+    arrays = with_copies(arrays, surface, borders, _CLOSEST * spacing / surface.scale)
+    lengths = settings.lengths(spacing)
+    origin = GraphOrigin.of(mesh, settings.length_unit, lengths, settings.graph.start)
+    return WrinkleGraph(**arrays, origin=origin)
+
+
+def _together(
+    parts: list[tuple[int, TracedLines, TracedPores]], resolution: int
+) -> dict[str, NDArray[Any]]:
+    """The arrays of several UDIMs as one."""
+    found, nodes, edges = [], 0, 0
+    for udim, of_lines, of_pores in parts:
+        arrays = graph_arrays(of_lines, of_pores, udim, resolution)
+        partners = arrays["edge_partners"]
+        arrays["edge_partners"] = np.where(partners >= 0, partners + np.int32(edges), partners)
+        arrays["edge_nodes"] = arrays["edge_nodes"] + np.int32(nodes)
+        found.append(arrays)
+        nodes += len(arrays["node_uv"])
+        edges += len(arrays["edge_nodes"])
+    return {name: np.concatenate([a[name] for a in found]) for name in found[0]}
+
+
+def _located(
+    device: Device, mesh: Mesh, arrays: dict[str, NDArray[Any]], settings: AssetSettings
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Triangles of nodes and of wrinkles; the number of triangles for none."""
+    uv = arrays["node_uv"]
+    middle = uv[arrays["edge_nodes"]].mean(axis=1).astype(np.float32)
+    with device.task():
+        nodes, edges = (
+            locate_points(device, mesh, at, settings.resolution, max(settings.padding, 2))
+            for at in (uv, middle)
+        )
+    return nodes, edges
+
+
+def _on_triangles(
+    arrays: dict[str, NDArray[Any]],
+    located: tuple[NDArray[np.int32], NDArray[np.int32]],
+    triangles: int,
+) -> dict[str, NDArray[Any]]:
+    """The arrays with triangles, without what has none."""
+    of_nodes, of_edges = located
+    there = of_nodes < triangles
+    edge = (of_edges < triangles) & there[arrays["edge_nodes"]].all(axis=1)
+    node_rows, edge_rows = np.flatnonzero(there), np.flatnonzero(edge)
+    new_node, new_edge = (np.cumsum(kept) - 1 for kept in (there, edge))
+    found = {
+        name: array[edge_rows if name.startswith("edge") else node_rows]
+        for name, array in arrays.items()
+    }
+    found["edge_nodes"] = new_node[found["edge_nodes"]].astype(np.int32)
+    partners = found["edge_partners"]
+    known = (partners >= 0) & edge[np.maximum(partners, 0)]
+    found["edge_partners"] = np.where(known, new_edge[partners], -1).astype(np.int32)
+    found["node_triangle"] = of_nodes[node_rows]
+    found["edge_triangle"] = of_edges[edge_rows]
+    return found

@@ -1,0 +1,140 @@
+"""The sums of fit.cl against differences of drawn heights, and what a fit brings back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from reference import tracing as reference
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.synthesis.workspace import Workspace
+from rhytid.tracing import fit
+from rhytid.tracing.elements import TracedLines, TracedPores
+
+SIDE = 256
+STEP = 1e-5
+
+
+def settings_of(**shape):
+    data = {"unit": "mm", "resolution": SIDE, "depth": 0.1, "shape": {"cushion": 0.0, **shape}}
+    return AssetSettings.parse(data).resolved(0.5)
+
+
+def one_line(slopes=(0.0, 0.0), half_width=(4.0, 6.0), weight=(0.3, 0.2)):
+    return TracedLines(
+        np.array([80.3, 104.6]), np.array([90.2, 99.7]), np.array(half_width), np.array(weight),
+        np.array([[0, 1]]), np.array([slopes]), np.array([[-1, -1]]), np.array([0]),
+    )  # fmt: skip
+
+
+def no_pores():
+    return TracedPores(*(np.zeros(0) for _ in range(4)), np.zeros((0, 3)))
+
+
+def no_lines():
+    none, two = np.zeros(0), np.zeros((0, 2))
+    whole = np.zeros((0, 2), np.int64)
+    return TracedLines(none, none, none, none, whole, two, whole, np.zeros(0, np.int64))
+
+
+def places():
+    y, x = np.mgrid[:SIDE, :SIDE].astype(np.float64)
+    return x, y
+
+
+def left_over(seed):
+    rng = np.random.default_rng(seed)
+    return rng.normal(0.0, 1.0, (SIDE, SIDE)).astype(np.float32)
+
+
+def sums(height, values, left):
+    """J r and J J of each value, by differences."""
+    found = []
+    for i in range(len(values)):
+        changes = [np.where(np.arange(len(values)) == i, s * STEP, 0.0) for s in (1, -1)]
+        change = (height(values + changes[0]) - height(values + changes[1])) / (2 * STEP)
+        found += [(change * left).sum(), (change**2).sum()]
+    return np.array(found)
+
+
+@pytest.mark.parametrize("cushion", [0.0, 0.7])
+@pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.3, -0.2)])
+@pytest.mark.parametrize("half_width", [(4.0, 6.0), (0.5, 2.0)])
+def test_sums_of_a_wrinkle(device, cushion, slopes, half_width):
+    settings, lines = settings_of(cushion=cushion), one_line(slopes, half_width)
+    left, met = left_over(1), np.zeros((SIDE, SIDE), np.float32)
+    with Workspace(device) as work:
+        found, _ = fit.sums_of(work, lines, no_pores(), (left, met), settings)
+    extent = (lines.x[1] - lines.x[0], lines.y[1] - lines.y[0])
+    segment = np.array([lines.x[0], lines.y[0], *extent])
+    shape = (1.0, 0.7, cushion, settings.shape.cushion_width, 1.0)  # of weight 0.25: all there
+    x, y = places()
+
+    # Deeper than what it meets is nothing: the kernel's share of a change is that of the height
+    # under others, so that here it is 1.
+    def height(values):
+        order = np.concatenate([values[2:], values[:2]])
+        return reference.wrinkle_height(x, y, segment, order, np.array(slopes), shape)
+
+    start = np.concatenate([lines.weight, np.log(lines.half_width)])
+    wanted = sums(height, start, left.astype(np.float64))
+    assert found[0] == pytest.approx(wanted, rel=2e-2, abs=2e-3 * np.abs(wanted).max())
+
+
+def test_sums_of_a_pore(device):
+    root = np.array([1.2, 0.3, 1 / 1.2])
+    pores = TracedPores(
+        np.array([70.3]), np.array([61.8]), np.array([0.4]), np.array([5.0]), root[None]
+    )
+    left, met = left_over(2), np.zeros((SIDE, SIDE), np.float32)
+    with Workspace(device) as work:
+        _, found = fit.sums_of(work, no_lines(), pores, (left, met), settings_of())
+    x, y = places()
+
+    def height(values):
+        centre, size = np.array([70.3, 61.8]), values[1]
+        return values[0] * reference.pore_height(x, y, centre, root / 5.0, size)
+
+    wanted = sums(height, np.array([0.4, 0.0]), left.astype(np.float64))
+    assert found[0] == pytest.approx(wanted, rel=1e-3, abs=1e-3)
+
+
+def test_what_lies_under_deeper_heights_changes_nothing(device):
+    deep = np.full((SIDE, SIDE), 1.0, np.float32)
+    with Workspace(device) as work:
+        found, _ = fit.sums_of(work, one_line(), no_pores(), (left_over(3), deep), settings_of())
+    assert np.abs(found).max() < 1e-4
+
+
+@pytest.mark.parametrize("cushion", [0.0, 0.7])
+def test_a_fit_brings_back_weights_and_widths(device, cushion):
+    settings = settings_of(cushion=cushion)
+    true = one_line(half_width=(4.0, 4.0), weight=(0.5, 0.35))
+    graph = fit.neutral_graph(true, no_pores(), settings)
+    scan = fit.drawn_neutral(device, graph, settings, 1001)
+    guess = one_line(half_width=(5.5, 3.0), weight=(0.3, 0.5))
+    with Workspace(device) as work:
+        everywhere = np.ones(scan.shape, np.bool_)
+        found = fit.fitted(work, device, guess, no_pores(), scan, everywhere, settings, steps=25)
+    assert found.left[-1] < 0.15 * found.left[0]
+    assert found.lines.weight == pytest.approx(true.weight, rel=0.08)
+    assert found.lines.half_width == pytest.approx(true.half_width, rel=0.12)
+
+
+def test_a_fit_never_ends_worse_than_it_began(device):
+    settings, line = settings_of(), one_line()
+    scan = fit.drawn_neutral(device, fit.neutral_graph(line, no_pores(), settings), settings, 1001)
+    with Workspace(device) as work:
+        everywhere = np.ones(scan.shape, np.bool_)
+        found = fit.fitted(work, device, line, no_pores(), scan, everywhere, settings, steps=2)
+    assert found.lines.weight == pytest.approx(line.weight, rel=1e-3)
+
+
+def test_tiles_change_no_sums(device, monkeypatch):
+    settings, maps = settings_of(), (left_over(4), np.zeros((SIDE, SIDE), np.float32))
+    lines = one_line()
+    with Workspace(device) as work:
+        whole, _ = fit.sums_of(work, lines, no_pores(), maps, settings)
+        monkeypatch.setattr(fit, "_TILE", 64)
+        cut, _ = fit.sums_of(work, lines, no_pores(), maps, settings)
+    assert cut == pytest.approx(whole, rel=1e-4, abs=1e-4)
