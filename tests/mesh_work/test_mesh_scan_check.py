@@ -17,8 +17,9 @@ from scipy import ndimage
 from meshes import bumpy_grid
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.scan import Scan, ScanMap, ScanSettings
-from rhytid.meshes.scan_check import TURNS, MapFacts, ScanCheck, best_turn
+from rhytid.meshes.scan_check import MapFacts, ScanCheck
 from rhytid.meshes.scan_samples import Seams, SurfaceSamples
+from rhytid.meshes.scan_values import TURNS, best_turn
 from rhytid.meshes.scans import charts, scan_of
 from rhytid.pictures.raster import rasterize_uv
 
