@@ -183,6 +183,19 @@ def test_what_is_probably_wrong_is_told_with_its_cause(what: str) -> None:
     assert set(told(check)) <= expected | {"scan-seams"}
 
 
+def test_every_band_is_looked_at() -> None:
+    """The second one has 8 bits, the third was a JPEG."""
+    coarse = coded(RELIEF, np.uint8).astype(np.uint16) * 257
+    fine = coded(NOISE / 400)
+    blocky = jpeg(coded(NOISE / 50, np.uint8)).astype(np.uint16) * 257 + fine % 64
+    maps = {1001: ScanMap(1001, "d.1001.x", (fine, coarse, blocky))}
+    settings = ScanSettings((0.1, 2.0, 0.1), unit="mm")
+    one = facts(ScanCheck(scan_of(maps, settings, MESH, "cm"), MESH, "cm", settings))
+    assert (one.channels, one.bits) == (3, 8)
+    assert one.step == pytest.approx(0.2 / 255)
+    assert one.blocks > 1.12
+
+
 @pytest.mark.parametrize("turn", TURNS)
 def test_how_a_map_was_turned_is_found(turn: str) -> None:
     """And what is named turns it back."""

@@ -50,11 +50,12 @@ class MapFacts:
     """What was measured of one map; lengths in mesh units.
 
     file, width, height, kind, channels: of the file.  levels: different values, of floats that are
-    continuous None.  bits: that these levels need over the full range.  step: between neighbouring
-    levels.  noise: rms of what no neighbour foretells, as an upper limit: fine relief counts, too.
-    blocks: differences across the borders of 8 x 8 texels over those within.  midlevel: of the
-    first channel; outside: the value outside of the charts, where there is one.  low, high: between
-    which 95 % of the surface lies.  steepness: gradient of the relief that a twentieth exceeds.
+    continuous None; of bands those of the one that has fewest.  bits: that these levels need over
+    the full range.  step: between neighbouring levels.  noise: rms of what no neighbour foretells,
+    as an upper limit: fine relief counts, too.  blocks: differences across the borders of 8 x 8
+    texels over those within, of the band with most.  midlevel: of the first channel; outside: the
+    value outside of the charts, where there is one.  low, high: between which 95 % of the surface
+    lies; middle: its median.  steepness: gradient of the relief that a twentieth exceeds.
     turn: how the map fits the charts best, `as it is` where it cannot be told.
     """
 
@@ -151,21 +152,36 @@ class ScanCheck:
         yield f"{name}, lies", one.turn, ""
 
     def _facts(self, udim: int, samples: SurfaceSamples) -> MapFacts:
-        map = self.scan.maps[udim]
+        map, scales = self.scan.maps[udim], self.scan.scales
         first, covered = map.channels[0], charts(self.mesh, udim)
         heights, steepness = samples.heights(self.scan, udim)
         low, middle, high = _percentiles(heights, (_ENDS[0], 50.0, _ENDS[1]))
-        levels, between, bits = levels_of(first)
-        scale = abs(self.scan.scales[0])
-        noise = np.hypot.reduce([noise_of(c) * s for c, s in zip(
-            map.channels, self.scan.scales, strict=True)])  # fmt: skip
+        each = [levels_of(channel) for channel in map.channels]
+        counts = [np.inf if levels is None else levels for levels, _, _ in each]
+        fewest = int(np.argmin(counts))
+        levels, between, bits = each[fewest]
+        noises = [noise_of(one) * scale for one, scale in zip(map.channels, scales, strict=True)]
         outside = Background.of(first, covered)
         return MapFacts(
-            udim, map.name, map.shape[1], map.shape[0], map.kind, len(map.channels), levels, bits,
-            between * scale, float(abs(noise)), blocks_of(first), self.scan.midlevels[udim][0],
-            None if outside.is_fill else outside.value, low, middle, high,
-            _percentiles(steepness, (95.0,))[0], best_turn(first, covered),
-        )  # fmt: skip
+            udim=udim,
+            file=map.name,
+            width=map.shape[1],
+            height=map.shape[0],
+            kind=map.kind,
+            channels=len(map.channels),
+            levels=levels,
+            bits=bits,
+            step=between * abs(scales[fewest]),
+            noise=float(np.linalg.norm(noises)),
+            blocks=max(blocks_of(channel) for channel in map.channels),
+            midlevel=self.scan.midlevels[udim][0],
+            outside=None if outside.is_fill else outside.value,
+            low=low,
+            middle=middle,
+            high=high,
+            steepness=_percentiles(steepness, (95.0,))[0],
+            turn=best_turn(first, covered),
+        )
 
     def _of_map(self, one: MapFacts) -> Iterator[InputWarning]:
         where = f"{one.file}, UDIM {one.udim}"
