@@ -220,7 +220,7 @@ WRONG: dict[str, tuple[Callable[[], bytes], str]] = {
     "transparency": (transparent, "has transparency: save it without"),
     "colours": (
         lambda: saved(PHOTO_BYTES, "PNG"),
-        r"has colours: two of its channels rise and fall together \(correlation 1\.00\)",
+        r"has colours or vectors: two of its channels rise and fall together \(correlation 1\.00\)",
     ),
     "normals": (lambda: saved(normals(), "PNG"), "is a normal map: must be displacement"),
     "vectors by channels": (

@@ -17,8 +17,9 @@ from scipy import ndimage
 from meshes import bumpy_grid
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.scan import Scan, ScanMap, ScanSettings
-from rhytid.meshes.scan_check import TURNS, MapFacts, ScanCheck, best_turn
+from rhytid.meshes.scan_check import MapFacts, ScanCheck
 from rhytid.meshes.scan_samples import Seams, SurfaceSamples
+from rhytid.meshes.scan_values import TURNS, best_turn
 from rhytid.meshes.scans import charts, scan_of
 from rhytid.pictures.raster import rasterize_uv
 
@@ -180,6 +181,19 @@ def test_what_is_probably_wrong_is_told_with_its_cause(what: str) -> None:
         assert "d.1001.x, UDIM 1001" in told(check)[code]
     expected = {"JPEG": {"scan-bits", "scan-blocks"}}.get(what, {code})
     assert set(told(check)) <= expected | {"scan-seams"}
+
+
+def test_every_band_is_looked_at() -> None:
+    """The second one has 8 bits, the third was a JPEG."""
+    coarse = coded(RELIEF, np.uint8).astype(np.uint16) * 257
+    fine = coded(NOISE / 400)
+    blocky = jpeg(coded(NOISE / 50, np.uint8)).astype(np.uint16) * 257 + fine % 64
+    maps = {1001: ScanMap(1001, "d.1001.x", (fine, coarse, blocky))}
+    settings = ScanSettings((0.1, 2.0, 0.1), unit="mm")
+    one = facts(ScanCheck(scan_of(maps, settings, MESH, "cm"), MESH, "cm", settings))
+    assert (one.channels, one.bits) == (3, 8)
+    assert one.step == pytest.approx(0.2 / 255)
+    assert one.blocks > 1.12
 
 
 @pytest.mark.parametrize("turn", TURNS)

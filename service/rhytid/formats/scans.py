@@ -188,7 +188,7 @@ def _relief_channels(
     if alpha is not None and (alpha != full_range(alpha)).any():
         raise InputError(f"{name} has transparency: save it without, the relief alone")
     if {"X", "Y", "Z"} <= set(found):
-        raise _vectors(f"{name} has channels X, Y and Z")
+        raise _vectors(f"{name} has channels X, Y and Z:")
     if len(found) == 1:
         return tuple(found.values())
     if set(found) != {"R", "G", "B"}:
@@ -198,7 +198,7 @@ def _relief_channels(
     if np.array_equal(red, green) and np.array_equal(red, blue):
         return (red,)
     if _VECTOR_NAMES.search(PurePath(name).name):
-        raise _vectors(f"{name} is named so, and has three channels that differ")
+        raise _vectors(f"{name} is named so, and has three channels that differ:")
     return red, green, blue
 
 
@@ -214,7 +214,7 @@ def _names_of(header: ScanHeader) -> tuple[str, ...]:
 
 def _vectors(what: str) -> InputError:
     rule = "only heights along the normal are read: bake it as displacement along the normal"
-    return InputError(f"{what}: vector displacement, of three directions; {rule}")
+    return InputError(f"{what} vector displacement, of three directions; {rule}")
 
 
 def _check_finite(values: Codes, name: str) -> None:
@@ -236,8 +236,9 @@ def _check_bands(header: ScanHeader, channels: Sequence[Codes], name: str) -> No
     highest = _most_alike(squares)
     if highest >= BAND_CORRELATION:
         raise InputError(
-            f"{name} has colours: two of its channels rise and fall together (correlation "
-            f"{highest:.2f}), so they are no bands of a relief; save displacement as grey"
+            f"{name} has colours or vectors: two of its channels rise and fall together "
+            f"(correlation {highest:.2f}), so they are no bands of a relief; save displacement as "
+            "grey"
         )
     fineness = np.sort([_fineness(one) for one in squares])
     with np.errstate(invalid="ignore"):  # channels that are flat
@@ -245,8 +246,7 @@ def _check_bands(header: ScanHeader, channels: Sequence[Codes], name: str) -> No
     if ratio < BAND_RATIO:
         raise _vectors(
             f"{name} has three channels of which two are as fine as one another (bands of a relief "
-            f"differ {BAND_RATIO:g} times or more, these {ratio:.2f} times); it is no relief in "
-            "bands but, where it is no picture,"
+            f"differ {BAND_RATIO:g} times or more, these {ratio:.2f} times), which looks like"
         )
 
 

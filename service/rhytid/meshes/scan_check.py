@@ -18,13 +18,11 @@ from numpy.typing import NDArray
 
 from rhytid.domain.lengths import MESH_UNITS, MILLIMETRES, millimetres
 from rhytid.domain.mesh import Mesh, add_centre
-from rhytid.domain.scan import Codes, Scan, ScanSettings, full_range
+from rhytid.domain.scan import Scan, ScanSettings
 from rhytid.domain.warnings import (
     BLOCK_RATIO,
     DEEPEST,
     FEW_LEVELS,
-    FLIP_MARGIN,
-    FLIP_MATCH,
     SCAN_BITS,
     SCAN_BLOCKS,
     SCAN_DEPTH,
@@ -38,29 +36,12 @@ from rhytid.domain.warnings import (
     InputWarning,
 )
 from rhytid.meshes.scan_samples import Seams, SurfaceSamples
-from rhytid.meshes.scans import SIDE, Background, Mask, charts
+from rhytid.meshes.scan_values import AS_IT_IS, best_turn, blocks_of, levels_of, noise_of
+from rhytid.meshes.scans import Background, charts
 
 FloatArray = NDArray[np.float64]
 # Percentiles between which 95 % of a relief lie.
 _ENDS = (2.5, 97.5)
-# Values of floats of which different ones are counted, and how often each must come to be a code.
-_VALUES, _REPEATED = 1 << 18, 4
-# Rows or columns that are looked at for blocks of JPEG, of this side.
-_LINES, _BLOCK = 512, 8
-# Of texels of a cell, along a side, that tell how much there is in it.
-_TEXELS = 8
-# The ways in which a map may lie turned, the likeliest first, and what undoes each.
-TURNS = {
-    "as it is": (0, False),
-    "top to bottom": (2, True),
-    "left to right": (0, True),
-    "half a turn": (2, False),
-    "a quarter turn": (1, False),
-    "three quarter turns": (3, False),
-    "a quarter turn and left to right": (1, True),
-    "three quarter turns and left to right": (3, True),
-}
-_AS_IT_IS = "as it is"
 _FLIPS = {"top to bottom": "v", "left to right": "u", "half a turn": "uv"}
 
 
@@ -69,11 +50,12 @@ class MapFacts:
     """What was measured of one map; lengths in mesh units.
 
     file, width, height, kind, channels: of the file.  levels: different values, of floats that are
-    continuous None.  bits: that these levels need over the full range.  step: between neighbouring
-    levels.  noise: rms of what no neighbour foretells, as an upper limit: fine relief counts, too.
-    blocks: differences across the borders of 8 x 8 texels over those within.  midlevel: of the
-    first channel; outside: the value outside of the charts, where there is one.  low, high: between
-    which 95 % of the surface lies.  steepness: gradient of the relief that a twentieth exceeds.
+    continuous None; of bands those of the one that has fewest.  bits: that these levels need over
+    the full range.  step: between neighbouring levels.  noise: rms of what no neighbour foretells,
+    as an upper limit: fine relief counts, too.  blocks: differences across the borders of 8 x 8
+    texels over those within, of the band with most.  midlevel: of the first channel; outside: the
+    value outside of the charts, where there is one.  low, high: between which 95 % of the surface
+    lies; middle: its median.  steepness: gradient of the relief that a twentieth exceeds.
     turn: how the map fits the charts best, `as it is` where it cannot be told.
     """
 
@@ -170,21 +152,36 @@ class ScanCheck:
         yield f"{name}, lies", one.turn, ""
 
     def _facts(self, udim: int, samples: SurfaceSamples) -> MapFacts:
-        map = self.scan.maps[udim]
+        map, scales = self.scan.maps[udim], self.scan.scales
         first, covered = map.channels[0], charts(self.mesh, udim)
         heights, steepness = samples.heights(self.scan, udim)
         low, middle, high = _percentiles(heights, (_ENDS[0], 50.0, _ENDS[1]))
-        levels, between, bits = _levels(first)
-        scale = abs(self.scan.scales[0])
-        noise = np.hypot.reduce([_noise(c) * s for c, s in zip(
-            map.channels, self.scan.scales, strict=True)])  # fmt: skip
+        each = [levels_of(channel) for channel in map.channels]
+        counts = [np.inf if levels is None else levels for levels, _, _ in each]
+        fewest = int(np.argmin(counts))
+        levels, between, bits = each[fewest]
+        noises = [noise_of(one) * scale for one, scale in zip(map.channels, scales, strict=True)]
         outside = Background.of(first, covered)
         return MapFacts(
-            udim, map.name, map.shape[1], map.shape[0], map.kind, len(map.channels), levels, bits,
-            between * scale, float(abs(noise)), _blocks(first), self.scan.midlevels[udim][0],
-            None if outside.is_fill else outside.value, low, middle, high,
-            _percentiles(steepness, (95.0,))[0], best_turn(first, covered),
-        )  # fmt: skip
+            udim=udim,
+            file=map.name,
+            width=map.shape[1],
+            height=map.shape[0],
+            kind=map.kind,
+            channels=len(map.channels),
+            levels=levels,
+            bits=bits,
+            step=between * abs(scales[fewest]),
+            noise=float(np.linalg.norm(noises)),
+            blocks=max(blocks_of(channel) for channel in map.channels),
+            midlevel=self.scan.midlevels[udim][0],
+            outside=None if outside.is_fill else outside.value,
+            low=low,
+            middle=middle,
+            high=high,
+            steepness=_percentiles(steepness, (95.0,))[0],
+            turn=best_turn(first, covered),
+        )
 
     def _of_map(self, one: MapFacts) -> Iterator[InputWarning]:
         where = f"{one.file}, UDIM {one.udim}"
@@ -194,7 +191,7 @@ class ScanCheck:
             yield from self._of_depth(one, where)
             yield from self._of_values(one, where)
         yield from self._of_midlevel(one, where)
-        if one.turn != _AS_IT_IS:
+        if one.turn != AS_IT_IS:
             flip = _FLIPS.get(one.turn)
             back = "turn the map" if flip is None else f"--flip {flip} turns it over"
             detail = (
@@ -326,107 +323,6 @@ class SeamFacts:
         x, y, z = add_centre(space[worst], mesh.centre).tolist()
         (u, v), (s, t) = uv[worst].tolist()
         return cls(rms, rms / spread, (x, y, z), ((u, v), (s, t)))
-
-
-def _levels(channel: Codes) -> tuple[int | None, float, int | None]:
-    """How many different values there are, the step between them, and the bits that such steps need
-    over the full range, of floats over what they use.
-
-    Of continuous floats no levels, the step of their type, and no bits.
-    """
-    size = full_range(channel)
-    if channel.dtype.kind == "u":
-        counts = np.zeros(size + 1, np.int64)
-        for start in range(0, len(channel), _LINES):  # as it takes 8 bytes a texel
-            part = channel[start : start + _LINES].reshape(-1)
-            counts += np.bincount(part, minlength=size + 1)
-        used = np.flatnonzero(counts)
-        gap = int(np.gcd.reduce(np.diff(used))) if len(used) > 1 else 1
-        return len(used), gap / size, (size // gap).bit_length()
-    every = max(int(np.sqrt(channel.size / _VALUES)), 1)
-    some = channel[::every, ::every].reshape(-1)
-    values = np.unique(some).astype(np.float64)
-    if len(values) * _REPEATED > len(some):
-        return None, float(np.spacing(np.abs(some).max())), None
-    step = float(np.median(np.diff(values))) if len(values) > 1 else 0.0
-    return len(values), step, (len(values) - 1).bit_length()
-
-
-def _noise(channel: Codes) -> float:
-    """Standard deviation of what a plane through the neighbours of a texel leaves, as values.
-
-    The mask is 1 -2 1 both ways, which no plane passes; the median of its absolute values is taken
-    for that of a normal distribution (Immerkaer 1996, with a median for the mean).
-    """
-    height = len(channel)
-    starts = np.unique(np.linspace(0, height - 3, min(_LINES, height - 2)).astype(np.int64))
-    a, b, c = (channel[starts + k].astype(np.float64) for k in range(3))
-    down = a - 2.0 * b + c
-    both = down[:, :-2] - 2.0 * down[:, 1:-1] + down[:, 2:]
-    size = np.abs(both[both != 0.0])
-    return float(np.median(size)) / 0.6745 / 6.0 / full_range(channel) if size.size else 0.0
-
-
-def _blocks(channel: Codes) -> float:
-    """The mean difference across borders of 8 x 8 texels over the median of those within, the
-    larger of both directions; 1 where nothing varies."""
-    return max(_blocks_along(channel), _blocks_along(channel.T))
-
-
-def _blocks_along(channel: NDArray[Any]) -> float:
-    rows = np.unique(np.linspace(0, len(channel) - 1, _LINES).astype(np.int64))
-    steps = np.abs(np.diff(channel[rows].astype(np.float64), axis=1))
-    count = steps.shape[1] // _BLOCK
-    if count < _BLOCK:
-        return 1.0
-    mean = steps[:, : count * _BLOCK].reshape(len(rows), count, _BLOCK).mean(axis=(0, 1))
-    within = float(np.median(mean[:-1]))
-    return float(mean[-1]) / within if within > 0.0 else 1.0
-
-
-def best_turn(channel: Codes, covered: Mask) -> str:
-    """How a map must be turned for what varies in it to lie in the charts, by name in TURNS.
-
-    covered: as `charts` has it. `as it is` where no turn is better by FLIP_MARGIN, or the map
-    varies alike everywhere. Where the charts are their own mirror image, the first that fits is
-    named.
-    """
-    amount = _amount(channel)
-    middles = ((np.arange(len(amount)) + 0.5) * SIDE / len(amount)).astype(np.int64)
-    inside = covered[middles[:, None], middles]
-    if amount.std() == 0.0 or inside.all() or not inside.any():
-        return _AS_IT_IS
-    fits = {name: _match(_turned(amount, *turn), inside) for name, turn in TURNS.items()}
-    best = max(fits.values())
-    if best < FLIP_MATCH or best - fits[_AS_IT_IS] < FLIP_MARGIN:
-        return _AS_IT_IS
-    return next(name for name, fit in fits.items() if fit > best - 0.25 * FLIP_MARGIN)
-
-
-def _turned(cells: FloatArray, quarters: int, mirrored: bool) -> FloatArray:
-    found = np.rot90(cells, quarters)
-    return found[:, ::-1] if mirrored else found
-
-
-def _match(amount: FloatArray, covered: Mask) -> float:
-    return float(np.corrcoef(amount.reshape(-1), covered.reshape(-1))[0, 1])
-
-
-def _amount(channel: Codes) -> FloatArray:
-    """(S, S) how much a map varies within a cell, as a logarithm; cells of _TEXELS texels a side or
-    more, SIDE of them at most."""
-    side = max(min(SIDE, min(channel.shape) // _TEXELS), 2)
-    within = np.arange(side)[:, None] + np.arange(_TEXELS) / _TEXELS
-    every, columns = ((within * n / side).astype(np.int64) for n in channel.shape)
-    low, high = np.full((side, side), np.inf), np.full((side, side), -np.inf)
-    for rows in every.T:
-        part = channel[rows[:, None, None], columns[None]].astype(np.float64)
-        low, high = np.minimum(low, part.min(axis=2)), np.maximum(high, part.max(axis=2))
-    found = high - low
-    most = float(np.quantile(found, 0.95))
-    floor = 0.5 if channel.dtype.kind == "u" else max(1e-3 * most, np.finfo(np.float64).tiny)
-    amount: FloatArray = np.log(found + floor)
-    return amount
 
 
 def _percentiles(values: FloatArray, at: tuple[float, ...]) -> list[float]:
