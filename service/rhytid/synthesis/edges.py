@@ -200,7 +200,7 @@ def _blocks(
     lattice: Lattice | None,
 ) -> Iterator[NDArray[np.int32]]:
     """The pairs, found for a block of edges at a time."""
-    typical = max(1.5 * float(length.mean()), 1e-9)
+    typical = max(2.5 * float(length.mean()), 1e-9)
     cloud = DevicePoints.of(work, pores, typical, lattice)
     members = work.upload(nodes)
     lists = Incidence.of(work, members, len(nodes), len(pores))
