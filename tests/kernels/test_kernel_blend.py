@@ -84,7 +84,7 @@ def unit(maps):
     return np.float32(unit_of(AssetSettings.parse({**shape, "bins": {"merge": maps.merge}})))
 
 
-def blended(device, triangle, maps):
+def blended(device, triangle, maps, *more):
     layers, _, samples, _ = maps.codes.shape
     tilt = maps.tilts is not None
     given = options(8 * maps.codes.itemsize, maps.merge, layers, samples, tilt)
@@ -93,7 +93,7 @@ def blended(device, triangle, maps):
     codes = np.concatenate([m for pair in zip(by_layer, tilts, strict=True) for m in pair])
     arguments = [*placed(device, triangle, codes), coefficients(device, maps), unit(maps)]
     text, out = rhytid_kernels.source("blend") + ONE_TILE, np.zeros(TEXELS, np.float32)
-    return run(device, text, "one_tile", (TEXELS // WIDTH,), arguments, out, given)
+    return run(device, text, "one_tile", (TEXELS // WIDTH,), arguments, out, [*given, *more])
 
 
 def coefficients(device, maps):
@@ -167,6 +167,14 @@ def test_vectors_in_one_triangle_and_in_many_are_those_of_double(
     mixed = one_each.copy()
     mixed[5::48] = 89  # one stranger in some of the vectors
     check(device, mixed, made)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_codes_asked_for_ahead_change_no_bit(device, bits):
+    made = maps(5, 3, bits, 90, "soft", tilt=True)
+    triangle = np.random.default_rng(3).integers(0, 90, TEXELS).astype(np.int32)
+    found = [blended(device, triangle, made, *more) for more in ((), ("-DAHEAD=1",))]
+    np.testing.assert_array_equal(*found)
 
 
 @pytest.mark.slow

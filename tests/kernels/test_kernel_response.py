@@ -7,9 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kernels.one_line import evaluate
+import rhytid_kernels
+from kernels.one_line import evaluate, run
 from reference import response as reference
 from rhytid.pipeline.reach import response_defines
+from rhytid.pipeline.vectors import VECTOR
 
 OPTIONS = [f"-D{name}={value}" for name, value in response_defines(False).items()]
 
@@ -116,3 +118,20 @@ def test_the_limit_of_scales_is_the_one_that_is_given(device):
     call = "(float2)(scales_of(r, 1.0f, 1.0f, 2.0f).width, scales_of(r, 1.0f, 1.0f, 2.0f).depth)"
     found = evaluate(device, "response", call, {"r": r}, width=2, options=["-DSCALE_LIMIT=2.0f"])
     np.testing.assert_array_equal(found, [[0.5, 2.0], [2.0, 0.5]])
+
+
+@pytest.mark.parametrize("count", [1, 15, 16, 17, 48])
+def test_ends_go_to_the_mean_with_their_partners_and_none_has_nothing(device, count):
+    random = np.random.default_rng(count)
+    r = random.normal(size=count).astype(np.float32)
+    partners = random.integers(-1, count, (count, 2)).astype(np.int32)
+    out = np.full((count + 2, 2), 7.0, np.float32)
+    arguments = [r, partners, np.int32(count), np.float32(0.75)]
+    text, options = rhytid_kernels.source("ends"), ["-DSCALE_LIMIT=4.0f"]
+    size = (count // VECTOR + 1,)
+    found = run(device, text, "end_stretches", size, arguments, out, options)
+    own = r[:, None].astype(np.float64)
+    wanted = np.where(partners < 0, own, own + 0.375 * (r[np.maximum(partners, 0)] - own))
+    np.testing.assert_allclose(found[:count], wanted, atol=1e-6)
+    np.testing.assert_array_equal(found[:count][partners < 0], np.repeat(own, 2, 1)[partners < 0])
+    np.testing.assert_array_equal(found[count:], [[0.0, 0.0], [7.0, 7.0]])
