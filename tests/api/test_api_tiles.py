@@ -312,6 +312,23 @@ def test_what_is_plainly_right_takes_the_quick_way(
         assert told(again) == told(other)
 
 
+def test_the_quick_way_is_not_by_the_handler_of_fastapi(
+    client: httpx.Client, frame: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    handled, usual = [], routing.APIRoute.handle
+
+    async def counted(self: routing.APIRoute, *given: Any) -> None:
+        handled.append(self.path)
+        await usual(self, *given)
+
+    monkeypatch.setattr(routing.APIRoute, "handle", counted)
+    assert client.get(f"{frame}/{TILE}").status_code == 200
+    refused = client.get(f"{frame}/{TILE}", params={"method": "magic"})
+    assert "magic" in is_problem(refused, 422, "query")
+    assert not handled
+    assert client.delete(f"{frame}/{TILE}").status_code == 405
+
+
 def test_the_quick_way_has_all_that_the_route_depends_on() -> None:
     """A dependency that is added to the route has to be added to `TileRoute`, too; the guard is
     one of the whole app."""

@@ -8,12 +8,10 @@ request that is not plainly right, which the usual handler refuses or answers.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine
-from typing import Any
-
 from fastapi import Request, Response
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
+from starlette.types import Receive, Scope, Send
 
 from rhytid.api.access import guard
 from rhytid.api.dependencies import drawing_of
@@ -29,29 +27,30 @@ _QUERY = {name: str(field.default) for name, field in TileQuery.model_fields.ite
 # Digits of a number that is surely in the range of the route.
 _DIGITS = 9
 
-Handler = Callable[[Request], Coroutine[Any, Any, Response]]
-
 
 class TileRoute(APIRoute):
     """Answers plain requests for a tile itself."""
 
-    def get_route_handler(self) -> Handler:
-        """See FastAPI, "Custom Request and APIRoute class"."""
-        usual = super().get_route_handler()
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """See Starlette's `Route`."""
+        request = Request(scope, receive, send)
+        place, query = _address(request), _query(request)
+        if place is None or query is None or scope["method"] not in (self.methods or ()):
+            await super().handle(scope, receive, send)
+            return
+        response = await _answered(request, place, query)
+        await response(scope, receive, send)
 
-        async def handler(request: Request) -> Response:
-            place, query = _address(request), _query(request)
-            if place is None or query is None:
-                return await usual(request)
-            await guard(request)
-            path, drawing = request.path_params, await drawing_of(request)
-            wanted = MapQuery(query["method"], query["stretch"], query["sampling"])
-            asked = Asked(query["format"], path["asset"], path["frame"], wanted, place)
-            if (kept := kept_answer(request, drawing, asked)) is not None:
-                return kept
-            return await run_in_threadpool(answer, request, drawing, asked)
 
-        return handler
+async def _answered(request: Request, place: TileAddress, query: dict[str, str]) -> Response:
+    """The answer to a plain request. Errors go to the handlers of the app."""
+    await guard(request)
+    path, drawing = request.path_params, await drawing_of(request)
+    wanted = MapQuery(query["method"], query["stretch"], query["sampling"])
+    asked = Asked(query["format"], path["asset"], path["frame"], wanted, place)
+    if (kept := kept_answer(request, drawing, asked)) is not None:
+        return kept
+    return await run_in_threadpool(answer, request, drawing, asked)
 
 
 def _address(request: Request) -> TileAddress | None:
