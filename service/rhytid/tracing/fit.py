@@ -40,7 +40,7 @@ _HELD_WEIGHT, _HELD_SIZE = 0.25, 0.06
 _MOST_SHARE, _MOST_WEIGHT, _MOST_SIZE = 0.5, 0.03, 0.15
 # Texels of the mean that is taken off what is left, and off what is drawn to have its narrow
 # valleys.
-_BROAD, _CUSHIONS = 129, 9
+_BROAD, _CUSHIONS = 33, 9
 # Texels around a wrinkle of a tile that its layers reach at most.
 _TILE, _AROUND = 1024, 64
 # Weights below are no lines or pores.

@@ -91,7 +91,7 @@ class Limits:
 
     faint: float
     noise: float = 0.0
-    round_from: float = 0.4
+    round_from: float = 0.2
 
     def at(self, scale: Floats) -> Floats:
         """The least curvature at a scale, relief per texel squared. Curvature of white noise after
