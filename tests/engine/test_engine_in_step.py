@@ -32,7 +32,7 @@ from storage.backends import new_folder
 BENT = deform(sheet().positions, 3, 0.15)
 
 
-@pytest.fixture(params=["folder", "bucket"])
+@pytest.fixture(params=["folder", pytest.param("bucket", marks=pytest.mark.slow)])
 def shared(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     if request.param == "bucket":
         found: str = request.getfixturevalue("bucket")
