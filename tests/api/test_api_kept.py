@@ -118,6 +118,18 @@ def test_a_head_is_remembered(engine: Engine, monkeypatch: pytest.MonkeyPatch) -
         assert client.get(path).headers["etag"] == tags[0] == tags[1]
 
 
+def test_an_asset_whose_tiles_are_kept_is_in_use(engine: Engine) -> None:
+    """Or it would leave for the shared store as one that nobody asks for."""
+    with served(engine) as (client, asset):
+        id = asset.rpartition("/")[2]
+        path = f"{asset}/frames/smile/{TILE}?format=png"
+        tag = client.get(path).headers["etag"]
+        for headers in ({}, {"If-None-Match": tag}):
+            before = time.monotonic()
+            assert client.get(path, headers=headers).status_code in (200, 304)
+            assert engine.mark(id, "smile").changes.used(id) >= before
+
+
 def test_what_was_changed_is_drawn_anew(engine: Engine, caches: list[EncodedTiles]) -> None:
     with served(engine) as (client, asset):
         frame = f"{asset}/frames/smile"

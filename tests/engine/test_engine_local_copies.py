@@ -60,6 +60,18 @@ def test_what_was_used_longest_ago_leaves_and_comes_back(folder: Path, tmp_path:
     assert set(SharedStore.at(str(folder)).ids()) == {first, second, third}
 
 
+def test_what_is_answered_without_a_call_is_used(folder: Path, tmp_path: Path) -> None:
+    with running(tmp_path / "a", shared_store=str(folder)) as engine:
+        first, second = (built(engine, new_asset(seed=seed)) for seed in (1, 2))
+    limit = size_of(folder, first) + size_of(folder, second) + LITTLE
+    with running(tmp_path / "a", shared_store=str(folder), store_limit=limit) as engine:
+        engine.assets.info(first)
+        engine.assets.info(second)
+        engine.mark(first, "neutral").changes.use(first)
+        third = built(engine, new_asset(seed=3))
+        assert ids(engine) == [first, third]
+
+
 def test_what_only_this_machine_has_stays(folder: Path, tmp_path: Path) -> None:
     """With stored frames, with settings that are not pushed, or gone from the shared store."""
     with running(tmp_path / "a", shared_store=str(folder), store_limit=1) as engine:

@@ -87,6 +87,7 @@ def codes(texels: NDArray[Any]) -> NDArray[np.uint16]:
         (saved(BYTES, "TIFF", compression="tiff_lzw"), BYTES),
         (saved(SHORTS, "TIFF", compression="tiff_adobe_deflate"), SHORTS),
         (saved(SHORTS, "TIFF", big_tiff=True), SHORTS),
+        (saved(SHORTS, "TIFF", tiffinfo={274: 1}), SHORTS),
         (saved(SHORTS.astype(">u2"), "TIFF"), SHORTS),
         (saved(FLOATS, "TIFF"), FLOATS),
         (exr(FLOATS), FLOATS),
@@ -186,6 +187,18 @@ def huge_tiff(side: int) -> bytes:
     return data
 
 
+def turned(orientation: int) -> bytes:
+    return saved(SHORTS, "TIFF", tiffinfo={274: orientation})
+
+
+def tiff_with_an_empty_tag() -> bytes:
+    """Its subfile type has no value."""
+    entry = struct.pack("<HHII", 254, 4, 0, 0)
+    return saved(SHORTS, "TIFF", tiffinfo={254: 0}).replace(
+        struct.pack("<HHII", 254, 4, 1, 0), entry
+    )
+
+
 WRONG: dict[str, tuple[Callable[[], bytes], str]] = {
     "a text": (lambda: b"v 0 0 0\n", "must be EXR, PNG, TIFF or JPEG, by its first bytes"),
     "nothing": (lambda: b"", "must be EXR, PNG, TIFF or JPEG"),
@@ -212,6 +225,8 @@ WRONG: dict[str, tuple[Callable[[], bytes], str]] = {
         lambda: image(Image.fromarray(PHOTO_BYTES).convert("CMYK"), "JPEG"),
         r"has inks \(CMYK\): must be grey",
     ),
+    "a TIFF that lies upside down": (lambda: turned(4), r"lies turned \(orientation 4\): save it"),
+    "a TIFF with an empty tag": (tiff_with_an_empty_tag, "a damaged TIFF image: it has no tag 254"),
     "pages": (pages, "has 2 pages: must have one"),
     "whole numbers": (
         lambda: saved(SHORTS.astype(np.int32), "TIFF"),

@@ -196,6 +196,17 @@ def test_every_band_is_looked_at() -> None:
     assert one.blocks > 1.12
 
 
+def test_a_first_band_that_is_left_out_moves_no_surface() -> None:
+    """Its scale is 0, and the midlevel of the others is off."""
+    bands = tuple(coded(0.2 + one) for one in (NOISE / 50, RELIEF, NOISE / 400))
+    maps = {1001: ScanMap(1001, "d.1001.x", bands)}
+    settings = ScanSettings((0.0, 1.0, 0.1), unit="mm")
+    text = told(ScanCheck(scan_of(maps, settings, MESH, "cm"), MESH, "cm", settings))
+    assert re.search(
+        r"whole surface moves by 0\.2\d* mm: the midlevel is 0\.5", text["scan-midlevel"]
+    )
+
+
 @pytest.mark.parametrize("turn", TURNS)
 def test_how_a_map_was_turned_is_found(turn: str) -> None:
     """And what is named turns it back."""

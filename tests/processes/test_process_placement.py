@@ -107,6 +107,9 @@ class One:
     def forget(self, asset: str) -> None:
         self.forgotten.append(asset)
 
+    def mark(self, asset: str, frame: str) -> object:
+        return self, asset, frame
+
     @property
     def ready(self) -> object | None:
         return None if self.lost else self
@@ -157,6 +160,16 @@ def test_requests_go_to_the_device_of_their_asset(two: Supervisors) -> None:
     with pytest.raises(NotFoundError):
         two.call(Request(OPERATIONS["frames.all"], (ids[1],)))
     assert two._placement.on(1) == frozenset()
+
+
+def test_marks_are_those_of_the_device_of_an_asset(two: Supervisors) -> None:
+    """Another device may fetch an asset that is on none."""
+    requests = [sent(seed) for seed in (1, 2)]
+    for device, request in zip(two.all, requests, strict=True):
+        id = content_id(request.positional[0])
+        assert two.mark(id, "smile") is None
+        two.call(request)
+        assert two.mark(id, "smile") == (device, id, "smile")
 
 
 def test_an_asset_that_is_fetched_stays_where_it_was_asked_for(two: Supervisors) -> None:

@@ -8,8 +8,7 @@ import pytest
 from reference import tracing as reference
 from rhytid.synthesis.workspace import Workspace
 from rhytid.tracing import ridges
-from rhytid.tracing.noise import noise_of
-from rhytid.tracing.ridges import Limits, find_ridges
+from rhytid.tracing.ridges import Limits, find_ridges, noise_of
 
 SIDE = 160
 LIMITS = Limits(0.02)

@@ -90,6 +90,7 @@ def kept_answer(request: Request, drawing: Drawing, asked: Asked) -> Response | 
     known = drawing.encoded.known(asked, drawing.engine.mark(asked.asset, asked.frame))
     if known is None:
         return None
+    known.mark.changes.use(asked.asset)  # else it might leave as one that rests
     short = _without_body(request, asked.format, known.validators, known.about)
     if short is not None:
         return short

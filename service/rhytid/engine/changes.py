@@ -1,9 +1,11 @@
 """What changes of assets and frames, counted in memory that another process can read: whoever keeps
-what a tile was asks here, without a call, whether it still is."""
+what a tile was asks here, without a call, whether it still is. It says here, too, that the asset
+was asked for."""
 
 from __future__ import annotations
 
 import threading
+import time
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,8 +14,8 @@ from dataclasses import dataclass
 # Places that changes are counted in. Assets and frames that share one by chance are taken for
 # changed together.
 _PLACES = 4096
-# Bytes of all counts: of changes that have begun, and of those that have ended.
-SIZE = 2 * 8 * _PLACES
+# Bytes of all counts, of changes that have begun and of those that have ended, and of times.
+SIZE = 3 * 8 * _PLACES
 
 
 @dataclass(frozen=True)
@@ -35,12 +37,14 @@ class Mark:
 
 
 class Changes:
-    """Counts in `memory`, whose bytes are 0 at first. One process writes them, others may map the
-    same memory. Safe from any thread."""
+    """Counts in `memory`, whose bytes are 0 at first. One process writes them; another that maps
+    the same memory reads them, and writes when assets were asked for. Safe from any thread."""
 
     def __init__(self, memory: memoryview) -> None:
-        counts = memory[:SIZE].cast("B").cast("Q")
+        whole = memory[:SIZE].cast("B")
+        counts = whole[: 2 * 8 * _PLACES].cast("Q")
         self._begun, self._ended = counts[:_PLACES], counts[_PLACES:]
+        self._used = whole[2 * 8 * _PLACES :].cast("d")
         self._lock = threading.Lock()
 
     @contextmanager
@@ -61,6 +65,15 @@ class Changes:
         # Those that ended first: a change that begins in between leaves the mark unsettled.
         ended = self._ended[whole], self._ended[one]
         return Mark(self, (self._begun[whole], self._begun[one]), ended)
+
+    def use(self, asset: str) -> None:
+        """Say that an asset is used now, by who answers for it without a call."""
+        self._used[_place(asset, "")] = time.monotonic()
+
+    def used(self, asset: str) -> float:
+        """When `use` was last called for an asset, or for one that shares its place, in seconds of
+        time.monotonic, which all processes of a machine share; 0 for never."""
+        return self._used[_place(asset, "")]
 
 
 def _place(asset: str, frame: str) -> int:

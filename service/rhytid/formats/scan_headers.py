@@ -23,6 +23,7 @@ _JPEG = b"\xff\xd8\xff"
 _FORMATS = "EXR, PNG, TIFF or JPEG"
 # Tags of TIFF.
 _KIND, _WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _SAMPLES, _FORMAT = 254, 256, 257, 258, 262, 277, 339
+_ORIENTATION = 274
 _REDUCED, _PAGES, _MOST_TAGS = 1, 32, 4096
 _INKS = {
     0: "white as its lowest code",
@@ -37,7 +38,7 @@ _WHOLE = {1: "B", 3: "H", 4: "I", 16: "Q"}
 # Frames of JPEG that libraries decode: baseline, extended and progressive.
 _FRAMES, _OTHER_FRAMES = (0xC0, 0xC1, 0xC2), set(range(0xC3, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _ALONE = {0x01, *range(0xD0, 0xD9)}
-_NEEDED = (_WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _SAMPLES, _FORMAT)
+_NEEDED = (_WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _SAMPLES, _FORMAT, _ORIENTATION)
 
 
 @dataclass(frozen=True)
@@ -128,10 +129,11 @@ class _Tiff:
 
     def header(self) -> ScanHeader:
         """That of the only page; smaller copies of it, as textures have, are left out."""
-        pages = [tags for tags in self._pages() if not tags.get(_KIND, [0])[0] & _REDUCED]
+        pages = [tags for tags in self._pages() if not self._one(tags, _KIND, 0) & _REDUCED]
         if len(pages) != 1:
             raise InputError(f"{self._name} has {len(pages)} pages: must have one")
         (tags,) = pages
+        self._check_turned(tags)
         samples = self._one(tags, _SAMPLES, 1)
         self._check_colours(tags, samples)
         return ScanHeader(
@@ -141,6 +143,14 @@ class _Tiff:
             _grey(samples),
             self._dtype(tags, samples),
         )
+
+    def _check_turned(self, tags: dict[int, list[int]]) -> None:
+        """Pillow turns such a file, OpenImageIO does not, and neither says so."""
+        if (turned := self._one(tags, _ORIENTATION, 1)) > 1:
+            rule = "save it as it lies, without the tag"
+            raise InputError(
+                f"{self._name} says that it lies turned (orientation {turned}): {rule}"
+            )
 
     def _check_colours(self, tags: dict[int, list[int]], samples: int) -> None:
         photometric = self._one(tags, _PHOTOMETRIC, 1)

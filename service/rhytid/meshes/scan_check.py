@@ -257,10 +257,13 @@ class ScanCheck:
             return
         off = not one.low - 1.5 * one.step <= 0.0 <= one.high + 1.5 * one.step
         scale = self.scan.scales[0]
-        stands = one.midlevel + one.middle / scale
-        moved = f"the whole surface moves by {self._named(one.middle)}"
         if off:
-            detail = f"{moved}: the midlevel is {one.midlevel:.4g}, the middle value {stands:.4g}"
+            detail = (
+                f"the whole surface moves by {self._named(one.middle)}: the midlevel is "
+                f"{one.midlevel:.4g}"
+            )
+            if one.channels == 1:
+                detail += f", the middle value {one.midlevel + one.middle / scale:.4g}"
             yield InputWarning(SCAN_MIDLEVEL, detail, where)
         elif one.outside is not None and abs(one.outside - one.midlevel) * abs(scale) > max(
             0.1 * one.depth, 1.5 * one.step

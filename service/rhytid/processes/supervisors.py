@@ -101,7 +101,10 @@ class Supervisors:
             self._store.close()
 
     def mark(self, asset: str, frame: str) -> Mark | None:
-        """As `Supervisor.mark`."""
+        """As `Supervisor.mark`; None for an asset that is on none of several devices: what one of
+        them counts says nothing of another that fetches the asset."""
+        if self._placement.of(asset) is None and len(self.all) > 1:
+            return None
         return self._of(asset).mark(asset, frame)
 
     def forget(self, asset: str) -> None:

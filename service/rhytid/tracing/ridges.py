@@ -1,5 +1,5 @@
-"""Finds valley lines and pits of a relief, at the scale at which each answers strongest.
-Kernel: ridges.cl.
+"""Finds valley lines and pits of a relief, each at the scale at which it answers strongest, and how
+much noise the relief has. Kernel: ridges.cl.
 
 A map is looked at tile by tile, each with what smoothing reads around it: any tiling gives the same
 bits.
@@ -34,6 +34,11 @@ TILE = 1024
 APRON = int(np.ceil(_TRUNCATED * SCALES[-1]))
 # Texels around a tile whose answers are looked at, too, so that neighbours of its own are known.
 _AROUND = 1
+# Texels of a side of a block whose noise is measured, and the share of the blocks that are quieter:
+# lines are fewer there.
+_BLOCK, _QUIETER = 16, 0.2
+# The median of the magnitudes of a normal distribution.
+_MEDIAN = 0.6745
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,3 +249,30 @@ def _joined(parts: list[Found]) -> Found:
     """The points of several tiles."""
     names = [field.name for field in fields(parts[0])]
     return type(parts[0])(*(np.concatenate([getattr(p, n) for p in parts]) for n in names))
+
+
+def noise_of(relief: NDArray[np.float32], inside: NDArray[np.bool_]) -> float:
+    """The standard deviation of noise that is independent from texel to texel, relief units: that
+    of the diagonal difference of each two by two texels (Donoho and Johnstone 1994), of the
+    quietest blocks, for lines count there as noise does. 0 where no block is full.
+
+    relief (H, W).  inside (H, W): where there is skin.
+    """
+    height, width = (side // _BLOCK * _BLOCK for side in relief.shape)
+    r = relief[:height, :width].astype(np.float64)
+    whole = inside[:height, :width]
+    a, b, c, d = (r[y::2, x::2] for y in (0, 1) for x in (0, 1))
+    half = _BLOCK // 2
+    blocks = _in_blocks(0.5 * np.abs(a - b - c + d), half)
+    full = _in_blocks(whole, _BLOCK).all(axis=1)
+    if not full.any():
+        return 0.0
+    return float(np.quantile(np.median(blocks[full], axis=1), _QUIETER) / _MEDIAN)
+
+
+def _in_blocks(values: NDArray[Any], side: int) -> NDArray[Any]:
+    """(B, side²) the values of each block of a map."""
+    rows, columns = (size // side for size in values.shape)
+    cut = values.reshape(rows, side, columns, side).swapaxes(1, 2)
+    found: NDArray[Any] = cut.reshape(rows * columns, side * side)
+    return found

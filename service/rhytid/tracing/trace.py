@@ -40,8 +40,7 @@ from rhytid.tracing.elements import (
     pores_of,
 )
 from rhytid.tracing.fit import STEPS, drawn_neutral, fitted
-from rhytid.tracing.noise import noise_of
-from rhytid.tracing.ridges import TILE, Limits, find_ridges
+from rhytid.tracing.ridges import TILE, Limits, find_ridges, noise_of
 
 Relief = NDArray[np.float32]
 # The least curvature of a line times the square of its scale, in depths.

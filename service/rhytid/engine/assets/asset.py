@@ -74,8 +74,8 @@ class Asset:
     measured_uv: float | None = None
     # The number of wrinkles it will have.
     expected_wrinkles: int = MOST_WRINKLES
-    # When it was last asked for, in seconds of time.monotonic.
-    used: float = field(default_factory=time.monotonic)
+    # When it was last asked for by a call, in seconds of time.monotonic.
+    called: float = field(default_factory=time.monotonic)
     # Held while its state, its settings or its files change, or it is brought to the device.
     lock: threading.RLock = field(default_factory=threading.RLock)
     # Held while work that its tasks deferred is done in steps.
@@ -132,6 +132,12 @@ class Asset:
             **graph.figures(),
         }
         self.state = "ready"
+
+    @property
+    def used(self) -> float:
+        """When it was last asked for, by a call or of who keeps its tiles, in seconds of
+        time.monotonic."""
+        return max(self.called, counted().used(self.id))
 
     @property
     def small(self) -> bool:
@@ -281,7 +287,7 @@ class AssetRegistry:
         """The asset of an id, brought from elsewhere where it is not registered; raises
         NotFoundError, and FetchingError while it is brought."""
         found = self.find(id) or self.elsewhere(id)
-        found.used = time.monotonic()
+        found.called = time.monotonic()
         return found
 
     def all(self) -> list[Asset]:
