@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rhytid.cli.options import Arguments, existing, unit_name
 from rhytid.domain.scan import AUTO, FLIPS, ScanSettings
+from rhytid.errors import InputError
 
 if TYPE_CHECKING:
     from rhytid.domain.mesh import Mesh
@@ -17,6 +21,14 @@ SCAN_FILES = (
     "displacement along the normal, EXR, PNG, TIFF or JPEG: one file for each UDIM, as "
     "face.1001.exr, or face.<UDIM>.exr for all"
 )
+# Settings of a scan in messages, and the options that set them.
+_SETTING = re.compile(r"(?<!\S)scan\.(scale|midlevel|unit|flip)\b")
+_OPTIONS = {
+    "scale": "--scale",
+    "midlevel": "--midlevel",
+    "unit": "--scan-unit",
+    "flip": "--flip",
+}
 
 
 def scan_file(text: str) -> Path:
@@ -68,9 +80,10 @@ def refuse_without_scan(arguments: argparse.Namespace) -> None:
 
 
 def scan_settings(arguments: argparse.Namespace) -> ScanSettings:
-    """What the options say; raises SettingsError."""
+    """What the options say; raises SettingsError naming the option."""
     scale = None if arguments.scale is None else tuple(arguments.scale)
-    return ScanSettings(scale, arguments.midlevel, arguments.scan_unit, arguments.flip)
+    with _options_named():
+        return ScanSettings(scale, arguments.midlevel, arguments.scan_unit, arguments.flip)
 
 
 def read_scan_files(
@@ -80,4 +93,15 @@ def read_scan_files(
     from rhytid.baking.input_files import scan_files
 
     settings = scan_settings(arguments)
-    return scan_files(files, mesh, settings, unit, partial=arguments.partial)
+    with _options_named():
+        return scan_files(files, mesh, settings, unit, partial=arguments.partial)
+
+
+@contextmanager
+def _options_named() -> Iterator[None]:
+    """Name options in errors of the block where these name settings of a scan."""
+    try:
+        yield
+    except InputError as error:
+        said = _SETTING.sub(lambda found: _OPTIONS[found[1]], str(error))
+        raise type(error)(said) from error
