@@ -217,6 +217,12 @@ def test_a_map_that_is_turned_back_is_right() -> None:
     assert back.figures() == right.figures()
 
 
+def test_what_lies_outside_of_the_charts_is_listed() -> None:
+    for texels, outside in ((coded(RELIEF), "0.5"), (coded(NOISE / 400), "many values")):
+        rows = {name: found for name, found, _ in checked(texels).rows()}
+        assert rows["scan 1001, midlevel"] == f"0.5, outside of the charts: {outside}"
+
+
 @pytest.mark.parametrize(
     ("given", "right", "said"),
     [

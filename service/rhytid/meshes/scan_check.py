@@ -147,8 +147,8 @@ class ScanCheck:
         low, high = self._named(one.low), self._named(one.high)
         steep = f"a twentieth steeper than {one.steepness:.2g}"
         yield f"{name}, relief", f"95 % from {low} to {high}, {steep}", ""
-        outside = "of no one value" if one.outside is None else f"{one.outside:.4g}"
-        yield f"{name}, midlevel", f"{one.midlevel:.4g}, outside of the charts {outside}", ""
+        outside = "many values" if one.outside is None else f"{one.outside:.4g}"
+        yield f"{name}, midlevel", f"{one.midlevel:.4g}, outside of the charts: {outside}", ""
         yield f"{name}, blocks of JPEG", f"{one.blocks:.2f} times as within", ""
         yield f"{name}, lies", one.turn, ""
 
