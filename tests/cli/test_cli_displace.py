@@ -144,6 +144,16 @@ def test_a_mesh_without_maps_is_told(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "sheet.npz alone" in said
 
 
+@pytest.mark.parametrize("text", ["3mm", "4,1,0.3", "map.png"])
+def test_a_scale_that_is_no_number_is_told_what_stands_elsewhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str
+) -> None:
+    mesh = sheet(tmp_path / "sheet.npz")
+    said = usage_error(capsys, "displace", str(mesh), str(mesh), "--scale", text)
+    assert f"argument --scale: '{text}': a number, or three with spaces" in said
+    assert "--scan-unit says of which unit, and files of maps stand before this option" in said
+
+
 def test_a_surface_is_glb_or_ply(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     mesh = sheet(tmp_path / "sheet.npz")
     map = write_png(tmp_path / "map.png", np.full((16, 16), FLAT, np.uint16))

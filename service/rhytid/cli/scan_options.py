@@ -44,14 +44,25 @@ def midlevel(text: str) -> float | str:
         raise argparse.ArgumentTypeError(f"{text!r}: a number, or {AUTO}") from None
 
 
+def scale(text: str) -> float:
+    """A number without a unit."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: a number, or three with spaces between them; --scan-unit says of which "
+            "unit, and files of maps stand before this option"
+        ) from None
+
+
 def add_scan_settings(parser: Arguments) -> None:
     """Add `--scale`, `--midlevel`, `--scan-unit`, `--flip` and `--partial`."""
     add = parser.add_argument
-    scale = (
+    length = (
         "length from black to white, or of 1 in files of floats; three for a map of three bands; "
         "below 0 turns the relief inside out (default: 1 for floats; others need one)"
     )
-    add("--scale", type=float, nargs="+", metavar="S", help=scale)
+    add("--scale", type=scale, nargs="+", metavar="S", help=length)
     level = (
         "value of a surface without relief: 0, 0.5, another number, or auto, what is outside of "
         "the charts (default: 0.5, in files of floats 0)"
@@ -81,9 +92,9 @@ def refuse_without_scan(arguments: argparse.Namespace) -> None:
 
 def scan_settings(arguments: argparse.Namespace) -> ScanSettings:
     """What the options say; raises SettingsError naming the option."""
-    scale = None if arguments.scale is None else tuple(arguments.scale)
+    scales = None if arguments.scale is None else tuple(arguments.scale)
     with _options_named():
-        return ScanSettings(scale, arguments.midlevel, arguments.scan_unit, arguments.flip)
+        return ScanSettings(scales, arguments.midlevel, arguments.scan_unit, arguments.flip)
 
 
 def read_scan_files(
