@@ -14,6 +14,7 @@
     ├── NotFoundError            no such asset, frame, job, UDIM or tile
     ├── ConflictError            the request is right, but not in the present state
     │   ├── NotReadyError        the asset is still building (``retry_after`` seconds)
+    │   ├── ChangingError        the settings change while they are used (``retry_after`` seconds)
     │   ├── ReadOnlyError        ``neutral`` cannot be written
     │   └── ChangedError         the asset has changed since the caller began to read it
     ├── LimitError               the request exceeds a limit; the message has both numbers
@@ -109,6 +110,12 @@ class ConflictError(RhytidError):
 
 class NotReadyError(ConflictError):
     """The asset is still building."""
+
+    retry_after = 1
+
+
+class ChangingError(ConflictError):
+    """The settings of the asset change again and again while a map is drawn."""
 
     retry_after = 1
 

@@ -31,6 +31,7 @@ STATUSES = {
     "QuotaError": 429,
     "NotFoundError": 404,
     "NotReadyError": 409,
+    "ChangingError": 409,
     "ReadOnlyError": 409,
     "LimitError": 413,
     "FrameMemoryError": 507,

@@ -112,12 +112,12 @@ def test_maps_of_several_udims(tmp_path: Path, capsys: pytest.CaptureFixture[str
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ([], "has codes, which have no length of their own: scan.scale"),
-        (["--scale", "0"], "scan.scale is 0: that is no relief"),
-        (["--scale", "nan"], "scan.scale is nan: must be finite"),
-        (["--scale", "1", "2"], "scan.scale has 2 numbers"),
-        (["--scale", "1", "2", "3"], "has one channel, scan.scale has 3 numbers"),
-        (["--scale", "1", "--midlevel", "2"], "scan.midlevel is 2: of codes it is from 0"),
+        ([], "has codes, which have no length of their own: --scale, the length"),
+        (["--scale", "0"], "--scale is 0: that is no relief"),
+        (["--scale", "nan"], "--scale is nan: must be finite"),
+        (["--scale", "1", "2"], "--scale has 2 numbers"),
+        (["--scale", "1", "2", "3"], "has one channel, --scale has 3 numbers"),
+        (["--scale", "1", "--midlevel", "2"], "--midlevel is 2: of codes it is from 0"),
         (["--scale", "1", "--edge", "0"], "an edge of 0: must be a length"),
         (["--scale", "1", "--unit", "furlong"], None),
         (["--scale", "1", "--midlevel", "grey"], None),
@@ -135,6 +135,23 @@ def test_what_cannot_be_meant_is_told(
         assert main(given) == 1
         assert said in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_a_mesh_without_maps_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mesh = sheet(tmp_path / "sheet.npz")
+    said = usage_error(capsys, "displace", str(mesh), "--scale", "1", "--out", "out.glb")
+    assert "give a mesh and, after it, its maps: there is" in said
+    assert "sheet.npz alone" in said
+
+
+@pytest.mark.parametrize("text", ["3mm", "4,1,0.3", "map.png"])
+def test_a_scale_that_is_no_number_is_told_what_stands_elsewhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str
+) -> None:
+    mesh = sheet(tmp_path / "sheet.npz")
+    said = usage_error(capsys, "displace", str(mesh), str(mesh), "--scale", text)
+    assert f"argument --scale: '{text}': a number, or three with spaces" in said
+    assert "--scan-unit says of which unit, and files of maps stand before this option" in said
 
 
 def test_a_surface_is_glb_or_ply(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -34,7 +34,7 @@ from rhytid.engine.device_assets.drawing import DeviceDrawing
 from rhytid.engine.device_assets.levels import DeviceFinest, DeviceLevels
 from rhytid.engine.messages import MapQuery, NewAsset
 from rhytid.engine.tiles import maps
-from rhytid.errors import BusyError, ConflictError, DeviceMemoryError, NotFoundError
+from rhytid.errors import BusyError, ChangingError, ConflictError, DeviceMemoryError, NotFoundError
 
 BENT, OTHER = (deform(sheet().positions, seed, 0.15) for seed in (1, 2))
 LEVELS = range(9)
@@ -324,13 +324,16 @@ def test_settings_that_change_meanwhile_are_those_of_all_texels(
     assert same([engine.tiles.plan_map(asset, "bent", query, 1001, level).draw()], [wanted])
 
 
-def test_settings_that_change_all_the_time_are_a_conflict(engine, asset, monkeypatch):
+def test_settings_that_change_all_the_time_are_a_conflict_for_now(engine, asset, monkeypatch):
+    """Clients ask again, as they are told when."""
     interrupted(
         monkeypatch,
         lambda step: engine.assets.change(asset, {"shape": {"sharpness": 10.0 + step % 7}}),
     )
-    with pytest.raises(ConflictError, match="change while"):
+    with pytest.raises(ChangingError, match="change while") as raised:
         engine.tiles.plan(asset, "bent", REDRAW, COARSE).draw()
+    assert isinstance(raised.value, ConflictError)
+    assert raised.value.retry_after == 1
 
 
 def test_who_wants_the_same_coarse_tile_gets_the_same_array(engine, asset, drawn, monkeypatch):

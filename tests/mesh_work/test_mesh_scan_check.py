@@ -101,6 +101,11 @@ WRONG: dict[str, tuple[Callable[[], ScanCheck], str, str]] = {
         "scan-depth",
         "95 % of it is 0.00011 mm deep; .* is the scale in mm, not in um",
     ),
+    "metres, which feet fit no worse": (
+        lambda: checked(coded(RELIEF), ScanSettings((0.004,), unit="mm")),
+        "scan-depth",
+        r"95 % of it is 0\.00044 mm deep; .* is the scale in m, not in mm",
+    ),
     "walls": (
         lambda: checked(coded(RELIEF), ScanSettings((40.0,), unit="mm")),
         "scan-depth",
@@ -221,6 +226,31 @@ def test_a_map_that_is_turned_back_is_right() -> None:
     wrong, right = coded(TALL_RELIEF[::-1]), checked(coded(TALL_RELIEF), mesh=TALL)
     back = checked(wrong, replace(FULL, flip="v"), mesh=TALL)
     assert back.figures() == right.figures()
+
+
+def test_what_lies_outside_of_the_charts_is_listed() -> None:
+    for texels, outside in ((coded(RELIEF), "0.5"), (coded(NOISE / 400), "many values")):
+        rows = {name: found for name, found, _ in checked(texels).rows()}
+        assert rows["scan 1001, midlevel"] == f"0.5, outside of the charts: {outside}"
+
+
+@pytest.mark.parametrize(
+    ("given", "right", "said"),
+    [
+        ("v", None, "; leave --flip v out, if"),
+        ("uv", "v", "; give --flip v instead, if"),
+        ("u", "v", "; give --flip v instead, if"),
+        ("v", "u", "; give --flip u instead, if"),
+        ("v", "uv", "; give --flip uv instead, if"),
+        (None, "uv", "; --flip uv turns it over, if"),
+    ],
+)
+def test_the_flip_that_was_given_is_thought_of(
+    given: str | None, right: str | None, said: str
+) -> None:
+    (map,) = ScanMap(1001, "d", (coded(TALL_RELIEF),)).flipped(right).channels
+    check = checked(map, replace(FULL, flip=given), mesh=TALL)
+    assert said in told(check)["scan-mirrored"]
 
 
 def test_what_is_alike_everywhere_tells_nothing_of_turns() -> None:

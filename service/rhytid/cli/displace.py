@@ -39,7 +39,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(commands, "displace", SUMMARY, example)
     parser.description = SUMMARY + DETAILS
     add = parser.add_argument
-    add_mesh(parser, "MESH")
+    add_mesh(parser, "MESH", required=False)
     add("maps", nargs="+", type=scan_file, metavar="MAP", help=SCAN_FILES)
     add_scan_settings(parser)
     add_unit(parser, "MESH", "that of a USD file which names one, else cm")
@@ -57,11 +57,15 @@ def add_command(commands: Commands) -> None:
     add("--out", type=Path, required=True, metavar="FILE", help=out)
     add_json(parser)
     add_strict(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, usage_error=parser.refuse)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Write the displaced surface, and report how large it is."""
+    if arguments.mesh is None:
+        # One name alone is taken for a map.
+        only = f"there is {arguments.maps[0]} alone"
+        arguments.usage_error(f"give a mesh and, after it, its maps: {only}")
     from rhytid.baking.input_files import mesh_file
     from rhytid.baking.map_sources import Geometry
     from rhytid.baking.run_warnings import RunWarnings

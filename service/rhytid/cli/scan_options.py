@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rhytid.cli.options import Arguments, existing, unit_name
 from rhytid.domain.scan import AUTO, FLIPS, ScanSettings
+from rhytid.errors import InputError
 
 if TYPE_CHECKING:
     from rhytid.domain.mesh import Mesh
@@ -17,6 +21,14 @@ SCAN_FILES = (
     "displacement along the normal, EXR, PNG, TIFF or JPEG: one file for each UDIM, as "
     "face.1001.exr, or face.<UDIM>.exr for all"
 )
+# Settings of a scan in messages, and the options that set them.
+_SETTING = re.compile(r"(?<!\S)scan\.(scale|midlevel|unit|flip)\b")
+_OPTIONS = {
+    "scale": "--scale",
+    "midlevel": "--midlevel",
+    "unit": "--scan-unit",
+    "flip": "--flip",
+}
 
 
 def scan_file(text: str) -> Path:
@@ -32,14 +44,25 @@ def midlevel(text: str) -> float | str:
         raise argparse.ArgumentTypeError(f"{text!r}: a number, or {AUTO}") from None
 
 
+def scale(text: str) -> float:
+    """A number without a unit."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: a number, or three with spaces between them; --scan-unit says of which "
+            "unit, and files of maps stand before this option"
+        ) from None
+
+
 def add_scan_settings(parser: Arguments) -> None:
     """Add `--scale`, `--midlevel`, `--scan-unit`, `--flip` and `--partial`."""
     add = parser.add_argument
-    scale = (
+    length = (
         "length from black to white, or of 1 in files of floats; three for a map of three bands; "
         "below 0 turns the relief inside out (default: 1 for floats; others need one)"
     )
-    add("--scale", type=float, nargs="+", metavar="S", help=scale)
+    add("--scale", type=scale, nargs="+", metavar="S", help=length)
     level = (
         "value of a surface without relief: 0, 0.5, another number, or auto, what is outside of "
         "the charts (default: 0.5, in files of floats 0)"
@@ -68,9 +91,10 @@ def refuse_without_scan(arguments: argparse.Namespace) -> None:
 
 
 def scan_settings(arguments: argparse.Namespace) -> ScanSettings:
-    """What the options say; raises SettingsError."""
-    scale = None if arguments.scale is None else tuple(arguments.scale)
-    return ScanSettings(scale, arguments.midlevel, arguments.scan_unit, arguments.flip)
+    """What the options say; raises SettingsError naming the option."""
+    scales = None if arguments.scale is None else tuple(arguments.scale)
+    with _options_named():
+        return ScanSettings(scales, arguments.midlevel, arguments.scan_unit, arguments.flip)
 
 
 def read_scan_files(
@@ -80,4 +104,15 @@ def read_scan_files(
     from rhytid.baking.input_files import scan_files
 
     settings = scan_settings(arguments)
-    return scan_files(files, mesh, settings, unit, partial=arguments.partial)
+    with _options_named():
+        return scan_files(files, mesh, settings, unit, partial=arguments.partial)
+
+
+@contextmanager
+def _options_named() -> Iterator[None]:
+    """Name options in errors of the block where these name settings of a scan."""
+    try:
+        yield
+    except InputError as error:
+        said = _SETTING.sub(lambda found: _OPTIONS[found[1]], str(error))
+        raise type(error)(said) from error

@@ -43,6 +43,7 @@ FloatArray = NDArray[np.float64]
 # Percentiles between which 95 % of a relief lie.
 _ENDS = (2.5, 97.5)
 _FLIPS = {"top to bottom": "v", "left to right": "u", "half a turn": "uv"}
+_IMPERIAL = ("in", "ft")
 
 
 @dataclass(frozen=True)
@@ -146,8 +147,8 @@ class ScanCheck:
         low, high = self._named(one.low), self._named(one.high)
         steep = f"a twentieth steeper than {one.steepness:.2g}"
         yield f"{name}, relief", f"95 % from {low} to {high}, {steep}", ""
-        outside = "of no one value" if one.outside is None else f"{one.outside:.4g}"
-        yield f"{name}, midlevel", f"{one.midlevel:.4g}, outside of the charts {outside}", ""
+        outside = "many values" if one.outside is None else f"{one.outside:.4g}"
+        yield f"{name}, midlevel", f"{one.midlevel:.4g}, outside of the charts: {outside}", ""
         yield f"{name}, blocks of JPEG", f"{one.blocks:.2f} times as within", ""
         yield f"{name}, lies", one.turn, ""
 
@@ -192,8 +193,7 @@ class ScanCheck:
             yield from self._of_values(one, where)
         yield from self._of_midlevel(one, where)
         if one.turn != AS_IT_IS:
-            flip = _FLIPS.get(one.turn)
-            back = "turn the map" if flip is None else f"--flip {flip} turns it over"
+            back = _turned_back(one.turn, self.settings.flip)
             detail = (
                 f"what lies in the map fits the charts of the mesh better turned, {one.turn}: "
                 f"relief lies in the wrong places; {back}, if it is not the UV of the mesh"
@@ -229,7 +229,8 @@ class ScanCheck:
             and SHALLOWEST <= would[name] <= DEEPEST
             and (steepness <= STEEPEST or factor < 1.0)
         ]
-        fits.sort(key=lambda name: abs(np.log(would[name] / usual)))
+        # Of feet and inches only where nothing metric fits.
+        fits.sort(key=lambda name: (name in _IMPERIAL, abs(np.log(would[name] / usual))))
         if not fits:
             return f"is the scale, in {unit}, right?"
         return f"is the scale in {fits[0]}, not in {unit}? Then it is {_length(would[fits[0]])}"
@@ -292,6 +293,17 @@ class ScanCheck:
         """A length in millimetres, or in mesh units of no known length."""
         factor = millimetres(self.unit)
         return _length(length if factor is None else length * factor, factor is None)
+
+
+def _turned_back(turn: str, given: str | None) -> str:
+    """What makes a map fit that was read with `--flip` as given, and fits better turned."""
+    flip = _FLIPS.get(turn)
+    if flip is None:
+        return "turn the map"
+    wanted = "".join(axis for axis in "uv" if (axis in flip) != (axis in (given or "")))
+    if not wanted:
+        return f"leave --flip {given} out"
+    return f"--flip {wanted} turns it over" if given is None else f"give --flip {wanted} instead"
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from rhytid.engine.assets.on_device import DeviceAssets
 from rhytid.engine.device_assets.levels import DeviceLevels
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery, Tile
-from rhytid.errors import BusyError, CancelledError, ConflictError, DeviceMemoryError
+from rhytid.errors import BusyError, CancelledError, ChangingError, DeviceMemoryError
 from rhytid.pipeline.work import Square
 
 # Pieces of which those that are kept are looked for in one task.
@@ -116,7 +116,7 @@ class MapDrawing:
         """(side, side) float32 displacement of a square of a level, all of it with the same
         settings.
 
-        Raises ConflictError where the settings change again and again meanwhile, DeviceMemoryError
+        Raises ChangingError where the settings change again and again meanwhile, DeviceMemoryError
         where even a single tile cannot be drawn, CancelledError where nobody waits for the square
         any more.
         """
@@ -125,7 +125,7 @@ class MapDrawing:
             tile = _Square(self._on_device, asset, frame, query, udim).draw(level, square)
             if tile is not None and asset.settings is settings:
                 return tile
-        raise ConflictError(f"the settings of asset {asset.id} change while its map is drawn")
+        raise ChangingError(f"the settings of asset {asset.id} change while its map is drawn")
 
 
 class _Square:
