@@ -132,14 +132,20 @@ def traced_settings(settings: AssetSettings) -> AssetSettings:
 
 def charted(device: Device, mesh: Mesh, udim: int, settings: AssetSettings) -> NDArray[np.bool_]:
     """(R, R) whether the middle of each texel lies in a triangle."""
-    side = settings.resolution
+    found: NDArray[np.bool_] = shown(device, mesh, udim, settings.resolution, 0) < len(mesh.faces)
+    return found
+
+
+def shown(device: Device, mesh: Mesh, udim: int, side: int, padding: int) -> NDArray[np.int32]:
+    """(side, side) the triangle of each texel, or of the nearest one within `padding` texels of
+    it; the number of triangles for none."""
     with device.task():
-        triangles = UdimTriangles(device, mesh, udim, side, 0)
+        triangles = UdimTriangles(device, mesh, udim, side, padding)
         found = triangles.texels(side, 0, 0, side)
-        inside: NDArray[np.bool_] = device.read(found, (side, side), np.int32) < triangles.none
+        texels = device.read(found, (side, side), np.int32)
         found.release()
         triangles.release()
-    return inside
+    return texels
 
 
 def _check(udim: int, relief: Relief, side: int) -> None:
