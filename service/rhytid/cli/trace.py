@@ -33,7 +33,7 @@ from rhytid.cli.scan_options import (
 )
 from rhytid.cli.skin_options import add_settings, given_settings
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.lengths import usual_spacing
+from rhytid.domain.lengths import unit_after_number, usual_spacing
 from rhytid.errors import InputError
 from rhytid.support.console import make_folder, report, share_bar, table, working
 
@@ -281,7 +281,7 @@ def _texel(mesh: Mesh, udim: int, resolution: int) -> float:
 
 def _text(arguments: argparse.Namespace, figures: dict[str, Any]) -> str:
     """What was found, for people."""
-    unit, out = figures["unit"], arguments.out
+    unit, out = unit_after_number(figures["unit"]), arguments.out
     counts = f"{out}: {figures['wrinkles']} wrinkles, {figures['pores']} pores"
     header = ("UDIM", f"relief, {unit}", "left, %", "fine, %", f"noise, {unit}")
     rows = [
