@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
     from rhytid.device.runtime import Device
     from rhytid.domain.mesh import Mesh
     from rhytid.domain.scan import Scan
+    from rhytid.meshes.scan_check import MapFacts
     from rhytid.tracing.trace import Trace
 
 GRAPH, SETTINGS, PICTURE = "graph.safetensors", "settings.json", "trace.png"
@@ -105,12 +108,14 @@ def run(arguments: argparse.Namespace) -> None:
 @dataclass(frozen=True, eq=False)
 class _Scan:
     """What is traced.  settings: not resolved, with unit and resolution.  given: as JSON, those
-    that `bake` needs.  spacing: of pores, mesh units.  reliefs: (R, R) of each UDIM."""
+    that `bake` needs.  spacing: of pores, mesh units.  noise: of rounding to codes, mesh units.
+    reliefs: (R, R) of each UDIM."""
 
     mesh: Mesh
     settings: AssetSettings
     given: dict[str, Any]
     spacing: float
+    noise: float
     reliefs: Reliefs
 
 
@@ -134,13 +139,20 @@ def _read(arguments: argparse.Namespace, warnings: RunWarnings) -> _Scan:
     spacing = settings.graph.spacing or usual_spacing(unit)
     warnings.inputs(mesh, arguments.mesh.name, unit, settings.resolution)
     with working("measuring the scan"):
-        warnings.add(ScanCheck(scan, mesh, unit, scan_settings(arguments)).warnings())
+        check = ScanCheck(scan, mesh, unit, scan_settings(arguments))
+        warnings.add(check.warnings())
     warnings.refuse()
     with working("resampling the scan"):
         reliefs = {udim: scan.relief(udim, settings.resolution) for udim in scan.maps}
     if not any(np.ptp(relief) > 0.0 for relief in reliefs.values()):
         raise InputError("there is no relief in the scan: every texel has the same value")
-    return _Scan(mesh, settings, given, spacing, reliefs)
+    return _Scan(mesh, settings, given, spacing, _rounding(check.maps), reliefs)
+
+
+def _rounding(maps: Iterable[MapFacts]) -> float:
+    """The standard deviation of rounding to the coarsest codes, mesh units; 0 for floats."""
+    steps = (one.step for one in maps if one.levels is not None)
+    return max(steps, default=0.0) / math.sqrt(12.0)
 
 
 def _resolution(scan: Scan) -> int:
@@ -185,7 +197,7 @@ def _traced(device: Device, scan: _Scan) -> _Found:
     if depth == 0.0:
         raise InputError("there are no lines in the scan: its charts have no fine relief")
     settings = replace(scan.settings, depth=depth).resolved(scan.spacing)
-    how = TraceSettings(spacing=scan.spacing)
+    how = TraceSettings(spacing=scan.spacing, noise=scan.noise)
     with share_bar("tracing") as show:
         found = trace(device, scan.mesh, scan.reliefs, settings, how, show)
     udims = [_figures(u, scan.reliefs[u], fine[u], inside[u], found) for u in sorted(fine)]

@@ -73,10 +73,13 @@ class TraceSettings:
     """How scans are traced.
 
     spacing: of pores, mesh units, which the graph is said to have; None is usual in the unit.
-    steps: of the fit.  tile: texels of a side that lines are looked for in at a time.
+    noise: the least that scans are taken to have from texel to texel, mesh units, as that of
+    rounding to codes, which cannot be measured where slopes are gentle.  steps: of the fit.  tile:
+    texels of a side that lines are looked for in at a time.
     """
 
     spacing: float | None = None
+    noise: float = 0.0
     steps: int = STEPS
     tile: int = TILE
 
@@ -170,7 +173,7 @@ def _traced(
     """Lines and pores of a UDIM, fitted; what was left after each step; the noise."""
     assert settings.depth is not None
     depth = settings.depth
-    noise = noise_of(relief, inside)
+    noise = max(noise_of(relief, inside), how.noise)
     limits = Limits(_FAINTEST * depth, noise)
     whole = _filled(relief, inside)
     searching = part(progress, 0.0, 0.3)
