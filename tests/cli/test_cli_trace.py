@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+import scipy
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -111,8 +112,11 @@ def test_scan_is_residual_and_neutral(traced: Traced, tmp_path: Path) -> None:
         scan = (np.asarray(image, np.float64) / 65535 - 0.5) * RANGE
     assert facts["unit"] == "cm"
     assert np.abs(neutral).max() > 20 * STEP
-    off = np.abs(residual.astype(np.float64) + neutral - scan)[inside(traced.mesh)]
+    chart = inside(traced.mesh)
+    off = np.abs(residual.astype(np.float64) + neutral - scan)[chart]
     assert off.max() < 0.5 * STEP
+    border = scipy.ndimage.binary_dilation(chart) & ~chart
+    assert np.isin(residual[border], residual[chart]).mean() > 0.95  # padded
 
 
 def inside(mesh: Path) -> NDArray[np.bool_]:
