@@ -40,7 +40,7 @@ ALLOWED = {
     "cli": _TOOLS
     | _WORK
     | {"api", "baking", "engine", "fleet", "processes"}
-    | {"exports", "meshes", "pictures"},
+    | {"exports", "meshes", "pictures", "tracing"},
 }
 # Modules of `rhytid.support` that only what runs a service may import: the rest is told.
 SERVICES = {"api", "baking", "cli", "engine", "fleet", "processes", "support"}

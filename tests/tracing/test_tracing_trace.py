@@ -107,6 +107,21 @@ def test_noise_stays_in_the_residual(device):
     assert length[strong].sum() * SIDE == pytest.approx(whole, rel=0.2)
 
 
+def test_terraces_of_coarse_codes_are_no_lines(device):
+    """Rounding of gentle swells cannot be measured from texel to texel."""
+    step = 0.1 * DEPTH
+    y, x = np.mgrid[:SIDE, :SIDE]
+    swells = 3 * DEPTH * np.sin(x / 40.0) * np.sin(y / 50.0)
+    coarse = (np.round(swells / step) * step).astype(np.float32)
+    known, unknown = (
+        trace(device, sheet(), {1001: coarse}, settings_of(), TraceSettings(steps=2, noise=noise))
+        for noise in (step / 12**0.5, 0.0)
+    )
+    assert known.noise[1001] == pytest.approx(step / 12**0.5)
+    assert known.graph.edge_weight.sum() < 0.3 * unknown.graph.edge_weight.sum()
+    assert unknown.graph.wrinkles > 50
+
+
 def test_a_flat_scan_is_an_empty_graph(device):
     flat = np.zeros((SIDE, SIDE), np.float32)
     found = trace(device, sheet(), {1001: flat}, settings_of(), TraceSettings(steps=2))

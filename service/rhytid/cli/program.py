@@ -28,6 +28,7 @@ from rhytid.cli import (
     snapshot,
     synthesize,
     template,
+    trace,
     transfer,
     warnings,
 )
@@ -54,6 +55,7 @@ COMMANDS = (
     transfer,
     bake,
     displace,
+    trace,
     look,
     export,
     warnings,

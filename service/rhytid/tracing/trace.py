@@ -72,10 +72,13 @@ class TraceSettings:
     """How scans are traced.
 
     spacing: of pores, mesh units, which the graph is said to have; None is usual in the unit.
-    steps: of the fit.  tile: texels of a side that lines are looked for in at a time.
+    noise: the least that scans are taken to have from texel to texel, mesh units, as that of
+    rounding to codes, which cannot be measured where slopes are gentle.  steps: of the fit.  tile:
+    texels of a side that lines are looked for in at a time.
     """
 
     spacing: float | None = None
+    noise: float = 0.0
     steps: int = STEPS
     tile: int = TILE
 
@@ -131,14 +134,20 @@ def traced_settings(settings: AssetSettings) -> AssetSettings:
 
 def charted(device: Device, mesh: Mesh, udim: int, settings: AssetSettings) -> NDArray[np.bool_]:
     """(R, R) whether the middle of each texel lies in a triangle."""
-    side = settings.resolution
+    found: NDArray[np.bool_] = shown(device, mesh, udim, settings.resolution, 0) < len(mesh.faces)
+    return found
+
+
+def shown(device: Device, mesh: Mesh, udim: int, side: int, padding: int) -> NDArray[np.int32]:
+    """(side, side) the triangle of each texel, or of the nearest one within `padding` texels of
+    it; the number of triangles for none."""
     with device.task():
-        triangles = UdimTriangles(device, mesh, udim, side, 0)
+        triangles = UdimTriangles(device, mesh, udim, side, padding)
         found = triangles.texels(side, 0, 0, side)
-        inside: NDArray[np.bool_] = device.read(found, (side, side), np.int32) < triangles.none
+        texels = device.read(found, (side, side), np.int32)
         found.release()
         triangles.release()
-    return inside
+    return texels
 
 
 def _check(udim: int, relief: Relief, side: int) -> None:
@@ -163,7 +172,7 @@ def _traced(
     """Lines and pores of a UDIM, fitted; what was left after each step; the noise."""
     assert settings.depth is not None
     depth = settings.depth
-    noise = noise_of(relief, inside)
+    noise = max(noise_of(relief, inside), how.noise)
     limits = Limits(_FAINTEST * depth, noise)
     whole = _filled(relief, inside)
     searching = part(progress, 0.0, 0.3)

@@ -1,0 +1,314 @@
+"""`rhytid trace`: a scan's relief as a wrinkle graph and what the graph does not draw."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.cli.graph_output import open_device
+from rhytid.cli.options import (
+    add_device,
+    add_json,
+    add_mesh,
+    add_prim,
+    add_strict,
+    add_unit,
+    length_unit,
+    prim_clip,
+)
+from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.scan_options import (
+    SCAN_FILES,
+    add_scan_settings,
+    read_scan_files,
+    scan_file,
+    scan_settings,
+)
+from rhytid.cli.skin_options import add_settings, given_settings
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.lengths import unit_after_number, usual_spacing
+from rhytid.errors import InputError
+from rhytid.support.console import make_folder, report, share_bar, table, working
+
+if TYPE_CHECKING:
+    from rhytid.baking.run_warnings import RunWarnings
+    from rhytid.device.runtime import Device
+    from rhytid.domain.mesh import Mesh
+    from rhytid.domain.scan import Scan
+    from rhytid.meshes.scan_check import MapFacts
+    from rhytid.tracing.trace import Trace
+
+GRAPH, SETTINGS, PICTURE = "graph.safetensors", "settings.json", "trace.png"
+SUMMARY = "Find the lines and pores of a scanned or sculpted displacement map, as a wrinkle graph."
+DETAILS = f"""
+Writes into a folder the graph, {GRAPH}; residual.<UDIM>.exr, what the graph does not draw, in mesh
+units; {SETTINGS}, with which `bake` draws the graph; and {PICTURE}, a picture of scan, lines and
+rest. At rest, what `bake --graph {GRAPH} --settings {SETTINGS}` draws plus the residual is the
+scan. Lines and pores that are not found do not move."""
+Reliefs = dict[int, NDArray[np.float32]]
+# Texels of a side that no more is taken of a scan than, unless it is asked for.
+_USUAL = AssetSettings().resolution
+_LEAST = 256
+
+
+def add_command(commands: Commands) -> None:
+    """Add `trace` to the parser."""
+    example = "rhytid trace head.obj disp.1001.tif --scale 2 --scan-unit mm --out traced"
+    parser = new_command(commands, "trace", SUMMARY, example)
+    parser.description = SUMMARY + DETAILS
+    add = parser.add_argument
+    add_mesh(parser, "MESH")
+    add("maps", nargs="+", type=scan_file, metavar="MAP", help=SCAN_FILES)
+    add("--out", type=Path, required=True, metavar="FOLDER", help="folder of the files")
+    add_scan_settings(parser)
+    size = (
+        "texels per side that are traced, a power of two (default: as many as the map has, at most "
+        f"{_USUAL})"
+    )
+    add("--resolution", type=int, metavar="R", help=size)
+    add_settings(parser, ", as for bake: with its depth, shape and preset lines are drawn")
+    add_unit(parser, "MESH", "that of a USD file which names one, else cm")
+    add_prim(parser)
+    add_device(parser)
+    add_strict(parser)
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Trace the scan, write what was found, and report its figures."""
+    from rhytid.baking.run_warnings import RunWarnings
+
+    with RunWarnings("trace", arguments.strict, arguments.allow) as warnings:
+        scan = _read(arguments, warnings)
+        make_folder(arguments.out)
+        device = open_device(arguments)
+        start = time.monotonic()
+        found = _traced(device, scan)
+        out: Path = arguments.out
+        _write(out, device, scan, found)
+        figures = {
+            "folder": str(out),
+            "seconds": round(time.monotonic() - start, 3),
+            **found.figures(),
+            **warnings.all_figures(),
+        }
+        report(figures, _text(arguments, figures), arguments.json)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scan:
+    """What is traced.  settings: not resolved, with unit and resolution.  given: as JSON, those
+    that `bake` needs.  spacing: of pores, mesh units.  noise: of rounding to codes, mesh units.
+    reliefs: (R, R) of each UDIM."""
+
+    mesh: Mesh
+    settings: AssetSettings
+    given: dict[str, Any]
+    spacing: float
+    noise: float
+    reliefs: Reliefs
+
+
+def _read(arguments: argparse.Namespace, warnings: RunWarnings) -> _Scan:
+    """Read and check everything. Raises InputError, MeshError and SettingsError; opens no
+    device."""
+    from rhytid.baking.input_files import mesh_file
+    from rhytid.meshes.scan_check import ScanCheck
+
+    given = given_settings(arguments)
+    arguments.unit = arguments.unit or given.get("unit")
+    asked = arguments.resolution or given.get("resolution")
+    if asked is not None:
+        AssetSettings.parse({**given, "resolution": asked})
+    read = mesh_file(arguments.mesh, prim_clip(arguments.prim))
+    mesh, unit = read.mesh, length_unit(arguments, read)
+    warnings.notes(read.notes)
+    scan = read_scan_files(arguments, arguments.maps, mesh, unit)
+    given |= {"unit": unit, "resolution": asked or _resolution(scan)}
+    settings = AssetSettings.parse(given)
+    spacing = settings.graph.spacing or usual_spacing(unit)
+    warnings.inputs(mesh, arguments.mesh.name, unit, settings.resolution)
+    with working("measuring the scan"):
+        check = ScanCheck(scan, mesh, unit, scan_settings(arguments))
+        warnings.add(check.warnings())
+    warnings.refuse()
+    with working("resampling the scan"):
+        reliefs = {udim: scan.relief(udim, settings.resolution) for udim in scan.maps}
+    if not any(np.ptp(relief) > 0.0 for relief in reliefs.values()):
+        raise InputError("there is no relief in the scan: every texel has the same value")
+    return _Scan(mesh, settings, given, spacing, _rounding(check.maps), reliefs)
+
+
+def _rounding(maps: Iterable[MapFacts]) -> float:
+    """The standard deviation of rounding to the coarsest codes, mesh units; 0 for floats."""
+    steps = (one.step for one in maps if one.levels is not None)
+    return max(steps, default=0.0) / math.sqrt(12.0)
+
+
+def _resolution(scan: Scan) -> int:
+    """The power of two from the longest side of the maps on, within what is usual."""
+    side = max(max(map.shape) for map in scan.maps.values())
+    return min(max(1 << (side - 1).bit_length(), _LEAST), _USUAL)
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What was traced.  settings: resolved, with which it is drawn.  inside: (R, R) of each UDIM,
+    where charts are.  udims: figures of each UDIM."""
+
+    trace: Trace
+    settings: AssetSettings
+    inside: dict[int, NDArray[np.bool_]]
+    udims: list[dict[str, float]]
+
+    def figures(self) -> dict[str, Any]:
+        """For JSON; lengths in mesh units."""
+        return {
+            "wrinkles": self.trace.graph.wrinkles,
+            "pores": self.trace.graph.pores,
+            "depth": self.settings.depth,
+            "unit": self.settings.length_unit,
+            "resolution": self.settings.resolution,
+            "udims": self.udims,
+        }
+
+
+def _traced(device: Device, scan: _Scan) -> _Found:
+    """Trace the scan. The depth of a line of weight 1 is measured where settings do not say it."""
+    from rhytid.tracing.measure import depth_of, fine_part
+    from rhytid.tracing.trace import TraceSettings, charted, trace
+
+    fine = {}
+    with working("measuring the relief"):
+        inside = {u: charted(device, scan.mesh, u, scan.settings) for u in scan.reliefs}
+        fine = {u: fine_part(relief, inside[u]) for u, relief in scan.reliefs.items()}
+        deepest = max(depth_of(fine[u], inside[u]) for u in fine)
+    depth = scan.settings.depth or deepest
+    if depth == 0.0:
+        raise InputError("there are no lines in the scan: its charts have no fine relief")
+    settings = replace(scan.settings, depth=depth).resolved(scan.spacing)
+    how = TraceSettings(spacing=scan.spacing, noise=scan.noise)
+    with share_bar("tracing") as show:
+        found = trace(device, scan.mesh, scan.reliefs, settings, how, show)
+    udims = [_figures(u, scan.reliefs[u], fine[u], inside[u], found) for u in sorted(fine)]
+    return _Found(found, settings, inside, udims)
+
+
+def _figures(
+    udim: int,
+    relief: NDArray[np.float32],
+    fine: NDArray[np.float32],
+    inside: NDArray[np.bool_],
+    found: Trace,
+) -> dict[str, float]:
+    """Figures of a UDIM: root mean squares over its charts, mesh units, and shares that are left
+    of the relief and of its fine part."""
+    from rhytid.tracing.measure import fine_part, rms
+
+    residual = found.residual[udim]
+    whole, of_fine = rms(relief, inside), rms(fine, inside)
+    left, fine_left = rms(residual, inside), rms(fine_part(residual, inside), inside)
+    return {
+        "udim": udim,
+        "relief": whole,
+        "left": left / whole if whole else 0.0,
+        "fine": of_fine,
+        "fine_left": fine_left / of_fine if of_fine else 0.0,
+        "noise": found.noise[udim],
+    }
+
+
+def _write(out: Path, device: Device, scan: _Scan, found: _Found) -> None:
+    """Write all files, which appear together when the last one is complete."""
+    from rhytid.formats.graphs import write_graph
+    from rhytid.support.atomic_files import install, working_folder, write_file, write_pieces
+
+    with working_folder(out) as place, working("writing"):
+        write_pieces(place / GRAPH, [write_graph(found.trace.graph)])
+        for udim, residual in sorted(found.trace.residual.items()):
+            pieces = _residual(device, scan, udim, residual)
+            write_pieces(place / f"residual.{udim}.exr", pieces)
+        write_file(place / SETTINGS, f"{json.dumps(_for_bake(scan), indent=2)}\n".encode())
+        _draw(place / PICTURE, scan, found)
+        for file in sorted(place.iterdir()):
+            install(file, out / file.name)
+
+
+def _residual(device: Device, scan: _Scan, udim: int, residual: NDArray[np.float32]) -> list[bytes]:
+    """The pieces of the file of a UDIM, padded around charts as maps of `bake` are."""
+    from rhytid.exports.textures.frame_map import Padding
+    from rhytid.formats.exr_encoder import exr_parts
+    from rhytid.support.build_identity import file_attributes
+    from rhytid.tracing.trace import shown
+
+    settings, mesh = scan.settings, scan.mesh
+    reach = settings.padding
+    triangles = shown(device, mesh, udim, settings.resolution, reach)
+    padded = Padding.of(mesh, udim, triangles, reach).padded(residual)
+    facts: dict[str, Any] = {"unit": settings.length_unit, "udim": udim, "kind": "residual"}
+    facts |= {"scale": 1.0, "midlevel": 0.0}
+    facts |= {"minimum": float(padded.min()), "maximum": float(padded.max())}
+    return exr_parts(padded, {**facts, **file_attributes()})
+
+
+def _for_bake(scan: _Scan) -> dict[str, Any]:
+    """The settings with which `bake` draws the graph: grain and undulation are in the residual."""
+    shape = {**scan.given.get("shape", {}), "grain": 0.0, "undulation": 0.0}
+    return {**scan.given, "shape": shape}
+
+
+def _draw(file: Path, scan: _Scan, found: _Found) -> None:
+    """Draw the picture of the UDIM with the largest charts."""
+    from rhytid.pictures.traced import traced_picture
+
+    udim = max(found.inside, key=lambda u: (int(found.inside[u].sum()), -u))
+    relief, residual = scan.reliefs[udim], found.trace.residual[udim]
+    caption = f"UDIM {udim}. Above all of it, below a part where most lines are."
+    texel = _texel(scan.mesh, udim, scan.settings.resolution)
+    picture = traced_picture(relief, residual, found.inside[udim], texel, caption)
+    picture.save(file, format="png")
+
+
+def _texel(mesh: Mesh, udim: int, resolution: int) -> float:
+    """The usual side of a texel of a UDIM on the surface, mesh units."""
+    from rhytid.domain.tiles import triangles_inside
+
+    here = triangles_inside(mesh, udim)
+    a, b, c = np.moveaxis(mesh.positions[mesh.faces[here]].astype(np.float64), 1, 0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+    p, q, r = np.moveaxis(mesh.triangle_uv()[here].astype(np.float64), 1, 0)
+    (x, y), (z, w) = (q - p).T, (r - p).T
+    return float(np.sqrt(area / np.abs(x * w - y * z).sum()) / resolution)
+
+
+def _text(arguments: argparse.Namespace, figures: dict[str, Any]) -> str:
+    """What was found, for people."""
+    unit, out = unit_after_number(figures["unit"]), arguments.out
+    counts = f"{out}: {figures['wrinkles']} wrinkles, {figures['pores']} pores"
+    header = ("UDIM", f"relief, {unit}", "left, %", "fine, %", f"noise, {unit}")
+    rows = [
+        (u["udim"], f"{u['relief']:.3g}", *(f"{100 * u[n]:.0f}" for n in ("left", "fine_left")),
+         f"{u['noise']:.2g}")
+        for u in figures["udims"]
+    ]  # fmt: skip
+    draw = f"rhytid bake {arguments.mesh} --frames SHOT --graph {out / GRAPH}"
+    settings = f"--settings {out / SETTINGS} --out maps"
+    return "\n".join(
+        [
+            f"{counts}; a line of weight 1 is {figures['depth']:.3g} {unit} deep",
+            table(header, rows),
+            "left: root mean square of the residual over that of the relief; fine: of what is "
+            "narrower than 33 texels",
+            f"the lines move with: {draw} {settings}; add residual.<UDIM>.exr to each map",
+        ]
+    )

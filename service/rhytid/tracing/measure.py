@@ -1,0 +1,46 @@
+"""Measures of scans and of what was traced of them: the fine part of a relief, the depth that lines
+are drawn with, and how much of a relief is left."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+Relief = NDArray[np.float32]
+Inside = NDArray[np.bool_]
+# Texels of a side of the mean that the fine part is without, taken twice.
+_BROAD = 33
+# The share of the texels of charts that lie less deep than a line of weight 1.
+_DEEPEST = 0.999
+
+
+def fine_part(relief: Relief, inside: Inside) -> Relief:
+    """The relief (H, W) less its mean around each texel, over what is inside (H, W); 0 outside."""
+    shares = _around(inside.astype(np.float32))
+    sums = _around(np.where(inside, relief, np.float32(0.0)))
+    broad = sums / np.maximum(shares, np.float32(1e-6))
+    fine: Relief = np.where(inside, relief - broad, np.float32(0.0))
+    return fine
+
+
+def depth_of(fine: Relief, inside: Inside) -> float:
+    """The depth of a line of weight 1, relief units: that of the deepest thousandth of the texels
+    inside, in their fine part. Weights are 1 at most, and what is deeper stays in the residual. 0
+    where there is no relief."""
+    if not inside.any():
+        return 0.0
+    return max(float(np.quantile(-fine[inside], _DEEPEST)), 0.0)
+
+
+def rms(values: Relief, inside: Inside) -> float:
+    """The root mean square of values (H, W) inside; 0 where nothing is."""
+    chosen = values[inside].astype(np.float64)
+    return float(np.sqrt(np.mean(chosen**2))) if len(chosen) else 0.0
+
+
+def _around(values: Relief) -> Relief:
+    """The mean around each texel, of a nearly Gaussian weight."""
+    once = scipy.ndimage.uniform_filter(values, _BROAD, mode="constant")
+    found: Relief = scipy.ndimage.uniform_filter(once, _BROAD, mode="constant")
+    return found

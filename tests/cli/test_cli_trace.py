@@ -1,0 +1,221 @@
+"""`rhytid trace`: a scan becomes a graph and a residual, which together are the scan at rest."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import scipy
+from numpy.typing import NDArray
+from PIL import Image
+
+from exr_images import exr
+from meshes import SmallMesh
+from reference import tracing as reference
+from rhytid.cli import main
+from rhytid.domain.mesh import Mesh
+from rhytid.exports.textures.frame_map import local_edges
+from rhytid.formats.exr import read_exr
+from rhytid.formats.graphs import read_graph
+from rhytid_lab.samples.face import procedural_face
+
+SIDE, RANGE = 256, 0.02
+STEP = RANGE / 65535
+FILES = {"graph.safetensors", "residual.1001.exr", "settings.json", "trace.png"}
+
+
+class Traced(NamedTuple):
+    """What was traced of a face: its file, the scan's, the folder, what was printed and told."""
+
+    mesh: Path
+    scan: Path
+    out: Path
+    said: str
+    told: dict
+
+
+def trace(*arguments: object) -> int:
+    return main(["trace", *map(str, arguments)])
+
+
+def write_face(file: Path) -> Path:
+    face = procedural_face(48)
+    arrays = {name: getattr(face.mesh, name) for name in ("positions", "faces", "uv", "face_uv")}
+    np.savez(file, **arrays, frames=face.mesh.positions[None])
+    return file
+
+
+def neutral_map(mesh: Path, traced: Path, out: Path) -> NDArray[np.float32]:
+    """The neutral that `bake` draws of what was traced, mesh units."""
+    files = "--graph", traced / "graph.safetensors", "--settings", traced / "settings.json"
+    given = ["bake", mesh, "--out", out, "--method", "neutral", *files]
+    assert main([*map(str, given)]) == 0
+    [file] = out.glob("*.exr")
+    return read_exr(file)[0]
+
+
+def relief() -> NDArray[np.float32]:
+    """Lines, pores and broad swells, mesh units."""
+    rng = np.random.default_rng(1)
+    starts = rng.uniform(30, 226, (60, 2))
+    lines = np.concatenate([starts, starts + rng.uniform(-25, 25, (60, 2))], axis=1)
+    found = reference.relief_of_lines(SIDE, lines, 3.0, 0.003, 1.0)
+    found = found + reference.relief_of_pores(SIDE, rng.uniform(30, 226, (40, 2)), 4.0, 0.002)
+    return (found + 0.001 * np.sin(np.arange(SIDE) / 20.0)).astype(np.float32)
+
+
+def write_codes(file: Path, heights: NDArray[np.float32]) -> Path:
+    codes = np.round((heights / RANGE + 0.5) * 65535)
+    assert 0 < codes.min() < codes.max() < 65535
+    Image.fromarray(codes.astype(np.uint16)).save(file)
+    return file
+
+
+@pytest.fixture(scope="module")
+def traced(tmp_path_factory: pytest.TempPathFactory) -> Traced:
+    """A relief in 16 bits on a face, traced."""
+    folder = tmp_path_factory.mktemp("traced")
+    mesh = write_face(folder / "face.npz")
+    scan = write_codes(folder / "scan.png", relief())
+    told, out = folder / "told.json", folder / "traced"
+    with pytest.MonkeyPatch.context() as patch:
+        said: list[str] = []
+        patch.setattr("rhytid.support.console.note", said.append)
+        given = (mesh, scan, "--scale", RANGE, "--out", out, "--json", told, "--verbose")
+        assert trace(*given) == 0
+    return Traced(mesh, scan, out, "\n".join(said), json.loads(told.read_text()))
+
+
+def test_files_and_figures(traced: Traced) -> None:
+    assert {file.name for file in traced.out.iterdir()} == FILES
+    graph = read_graph((traced.out / "graph.safetensors").read_bytes())
+    told = traced.told
+    assert (graph.wrinkles, graph.pores) == (told["wrinkles"], told["pores"])
+    assert graph.wrinkles > 100
+    assert (told["unit"], told["resolution"]) == ("cm", SIDE)
+    [udim] = told["udims"]
+    assert udim["udim"] == 1001
+    assert 0.0 < udim["left"] < 0.9
+    assert 0.0 < udim["fine_left"] < 0.9
+    with Image.open(traced.out / "trace.png") as picture:
+        assert picture.width > 3 * SIDE
+
+
+def test_scan_is_residual_and_neutral(traced: Traced, tmp_path: Path) -> None:
+    """Within half a step of 16 bits, at every texel of a chart."""
+    neutral = neutral_map(traced.mesh, traced.out, tmp_path)
+    residual, facts = read_exr(traced.out / "residual.1001.exr")
+    with Image.open(traced.scan) as image:
+        scan = (np.asarray(image, np.float64) / 65535 - 0.5) * RANGE
+    assert facts["unit"] == "cm"
+    assert np.abs(neutral).max() > 20 * STEP
+    chart = inside(traced.mesh)
+    off = np.abs(residual.astype(np.float64) + neutral - scan)[chart]
+    assert off.max() < 0.5 * STEP
+    border = scipy.ndimage.binary_dilation(chart) & ~chart
+    assert np.isin(residual[border], residual[chart]).mean() > 0.95  # padded
+
+
+def inside(mesh: Path) -> NDArray[np.bool_]:
+    """(SIDE, SIDE) whether the middle of a texel lies in a triangle."""
+    with np.load(mesh) as arrays:
+        read = Mesh(*(arrays[name] for name in ("positions", "faces", "uv", "face_uv")))
+    edges = local_edges(read, 1001)
+    x, y = np.meshgrid(np.arange(SIDE) + 0.5, SIDE - 0.5 - np.arange(SIDE))
+    found = np.zeros((SIDE, SIDE), bool)
+    for number in range(len(read.faces)):
+        first, b, c = edges[number] * SIDE
+        area = b[0] * c[1] - b[1] * c[0]
+        u = ((x - first[0]) * c[1] - (y - first[1]) * c[0]) / area
+        v = ((y - first[1]) * b[0] - (x - first[0]) * b[1]) / area
+        found |= (u >= 0) & (v >= 0) & (u + v <= 1)
+    return found
+
+
+def test_progress_is_told(traced: Traced) -> None:
+    for stage in ("lines", "fit", "seams", "residual"):
+        assert f"tracing: {stage}, after" in traced.said
+
+
+def test_each_udim_has_a_residual_and_settings_are_handed_on(tmp_path: Path) -> None:
+    mesh, out = two_squares(tmp_path / "two.npz"), tmp_path / "out"
+    waves = 0.01 * np.sin(np.arange(256) / 3.0)[:, None] * np.ones((1, 256))
+    for udim, height in ((1001, 1.0), (1002, 0.5)):
+        file = tmp_path / f"d.{udim}.exr"
+        file.write_bytes(exr((height * waves).astype(np.float32)))
+    told, settings = tmp_path / "told.json", tmp_path / "own.json"
+    settings.write_text('{"depth": 0.02, "unit": "mm", "shape": {"taper": 0.5}}')
+    given = (mesh, tmp_path / "d.<UDIM>.exr", "--settings", settings)
+    assert trace(*given, "--out", out, "--json", told) == 0
+    assert {f.name for f in out.iterdir()} == FILES | {"residual.1002.exr"}
+    first, second = json.loads(told.read_text())["udims"]
+    assert (first["udim"], second["udim"]) == (1001, 1002)
+    assert first["relief"] == pytest.approx(2 * second["relief"], rel=1e-4)
+    written = json.loads((out / "settings.json").read_text())
+    assert written["shape"] == {"taper": 0.5, "grain": 0.0, "undulation": 0.0}
+    assert (written["unit"], written["resolution"]) == ("mm", SIDE)
+    origin = read_graph((out / "graph.safetensors").read_bytes()).origin
+    assert origin is not None
+    assert (origin.depth, origin.unit, origin.spacing) == (0.02, "mm", 0.5)
+
+
+def two_squares(file: Path) -> Path:
+    """Side by side, a UDIM each."""
+    square = np.array([[0.05, 0.05], [0.95, 0.05], [0.95, 0.95], [0.05, 0.95]])
+    uv = np.concatenate([square, square + np.array([1, 0])])
+    points = np.pad(uv * 4, ((0, 0), (0, 1))).astype(np.float32)
+    faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], np.int32)
+    np.savez(file, **SmallMesh(points, faces, uv, faces)._asdict())
+    return file
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ([], "has codes, which have no length of their own: scan.scale"),
+        (["--scale", "1", "--resolution", "300"], "resolution"),
+        (["--scale", "0.02", "--settings", "furlong.json"], "has no known length"),
+        (["--scale", "90", "--strict"], "--strict"),
+        (["--scale", "1", "--settings", "wrong.json"], "depth"),
+    ],
+)
+def test_bad_input_is_refused_before_a_device_opens(
+    traced: Traced,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    options: list[str],
+    said: str,
+) -> None:
+    monkeypatch.setattr("rhytid.engine.engine.open_device", lambda *_: pytest.fail("it opened"))
+    monkeypatch.chdir(tmp_path)
+    Path("furlong.json").write_text('{"unit": "furlong"}')
+    Path("wrong.json").write_text('{"depth": -1}')
+    assert trace(traced.mesh, traced.scan, *options, "--out", "out") == 1
+    assert said in capsys.readouterr().err
+    assert not Path("out").exists()
+
+
+def test_a_scan_without_relief_is_refused(
+    traced: Traced, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flat = tmp_path / "flat.exr"
+    flat.write_bytes(exr(np.full((16, 16), 0.5, np.float32)))
+    assert trace(traced.mesh, flat, "--out", tmp_path / "out") == 1
+    assert "there is no relief in the scan" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("place", ["rhytid.tracing.trace.fitted", "rhytid.cli.trace._draw"])
+def test_an_interrupted_trace_leaves_nothing(
+    traced: Traced, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(place, interrupt)
+    out = tmp_path / "out"
+    assert trace(traced.mesh, traced.scan, "--scale", RANGE, "--out", out) == 130
+    assert list(out.iterdir()) == []
