@@ -25,6 +25,26 @@ __kernel void block(int count, LINES, __global const float *s, float least, __gl
     }
     write_rows(sums, place, shape, 1.0f, 0, out);
 }"""
+LIST = """#include "line.clh"
+__kernel void block(int total, __global const int *members, LINES, __global const float *s,
+                    int alone, __global float *out)
+{
+    __local float memory[2 * SUMS];
+    shape_t shape = shape_of(vload4(0, s));
+    place_t place = place_of_group(1, 0, 0);
+    sums_t sums = sums_at(place, memory);
+    const float2 corner = {3.5f, -2.25f};
+    for (int k = 0; alone && k < total; k++) {
+        int i = members[k];
+        if (i % 5 > 0) {
+            line_t line = LINE_AT(i, sizes[i] * 1.5f, corner, 0.7f);
+            draw_line(sums, line, shape);
+        }
+    }
+    if (!alone)
+        DRAW_LINES(sums, shape, members, 0, total, i % 5 > 0, sizes[i] * 1.5f, corner, 0.7f);
+    write_rows(sums, place, shape, 1.0f, 0, out);
+}"""
 # What nearest_on claims, by the steepest slopes: half widths over the length, and the error.
 CLAIMS = {
     0.3: {1 / 8: 2e-3, 1 / 5: 4e-3, 1 / 4: 6e-3, 0.35: 0.01, 0.5: 0.02, 0.75: 0.06, 1.0: 0.11},
@@ -151,6 +171,29 @@ def test_any_launch_gives_the_same_bits(device, items, rows):
     lines = lines_of(6, 60, 0.8, 0.2)
     one = drawn(device, lines, Shape(), 0.7)
     np.testing.assert_array_equal(drawn(device, lines, Shape(), 0.7, items, rows), one)
+
+
+@pytest.mark.parametrize("count", [1, 16, 19, 20, 21, 90])
+@pytest.mark.parametrize("more", [(), ("-DWAVY=1",), ("-DWAVY=1", "-DSKEWED=1")])
+def test_a_list_of_lines_is_that_of_each_alone_bit_for_bit(device, count, more):
+    """Sixteen are made ready at once; some are not chosen, some lie beyond the block."""
+    rng = np.random.default_rng(count)
+    segments, sizes, slopes = lines_of(8, 100, 0.8, 0.2)
+    segments[::3, :2] += rng.choice([-90, 90], (34, 2)).astype(np.float32)
+    waves = rng.uniform([-4, 1, 0, 1], [4, 5, 1, 1], (100, 4)).astype(np.float32)
+    skews = rng.uniform([0.5, -0.5, 0.5, 0], [2, 0.5, 2, 0], (40, 4)).astype(np.float32)
+    members = np.sort(rng.permutation(100)[:count]).astype(np.int32)
+    lines = [segments, sizes, slopes, waves, np.int32(60), skews]
+    given = [np.int32(count), members, *lines, np.array([2.5, 0, 8, 8], np.float32)]
+    defines = [*options(1, device.shape.rows), "-DBENT=1", *more]
+    size = (1, BLOCK // device.shape.rows)
+    found, alone = (
+        run(device, LIST, "block", size, [*given, np.int32(way)],
+            np.zeros((BLOCK, BLOCK), np.float32), defines, (1, 1))
+        for way in (0, 1)
+    )  # fmt: skip
+    np.testing.assert_array_equal(found, alone)
+    assert count == 1 or np.ptp(found) > 0.1
 
 
 def test_two_lines_that_share_a_tangent_are_one_at_their_pore(device):

@@ -39,7 +39,7 @@ __kernel void draw_wrinkle_bin(LINES, SHARES __global const uchar *bins, int bin
     sums_t sums = sums_at(place, memory);
     int block = place.block;
     DRAW_LINES(sums, shape, members, offsets[block], offsets[block + 1], bins[i] == bin,
-               LINE_AT(i, SIZES_OF(i) * SCALES(scale), place.corner, least));
+               SIZES_OF(i) * SCALES(scale), place.corner, least);
     WRITE(sums, place, shape, depth, part);
 }
 

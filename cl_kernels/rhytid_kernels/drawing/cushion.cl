@@ -39,8 +39,8 @@ inline void write_part(sums_t sums, part_t part, square_t square, shape_t shape,
     square_t square = {place.x, place.y, place.z, place.w};                                        \
     part_t part = part_of_group(square);                                                           \
     sums_t sums = valleys_at(part, memory);                                                        \
-    DRAW_LINES(sums, shape, members, offsets[part.block], offsets[part.block + 1], true,           \
-               COARSE_LINE(part, i, drawn));                                                       \
+    DRAW_COARSE_LINES(part, sums, shape, members, offsets[part.block], offsets[part.block + 1],    \
+                      drawn);                                                                      \
     write_part(sums, part, square, shape, depth, out)
 
 // LINES: as in redraw.cl, in texels, but half widths in coarse texels. scales: of the frame, as there.

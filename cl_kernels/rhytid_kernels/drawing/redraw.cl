@@ -47,7 +47,7 @@ __kernel void redraw(LINES, __global const SIZES *wrinkle_scales,
     sums_t sums = sums_at(place, memory);
     int block = place.block;
     DRAW_LINES(sums, shape, wrinkle_members, wrinkle_offsets[block], wrinkle_offsets[block + 1], true,
-               LINE_AT(i, sizes[i] * wrinkle_scales[i], place.corner, least));
+               sizes[i] * wrinkle_scales[i], place.corner, least);
     DRAW_PORES(sums, shape, pore_members, pore_offsets[block], pore_offsets[block + 1],
                scaled_pore(roots[i], pore_scales[i], least), centres[i] - place.corner);
     WRITE_ROWS(sums, place, shape, depth, out);
