@@ -284,3 +284,35 @@ def test_they_run_on_through_patches(device: Device) -> None:
     assert leads.sum() > 100
     follows, followed = (np.polyfit(lively[of], depth[of], 1)[0] for of in (leads, ~leads))
     assert 0.1 < follows < 0.6 < followed
+
+
+def cylinder(turned: bool) -> Mesh:
+    """A neck of 10 cm around the y axis, 12 cm wide, in cm; its UV as it is, or turned aslant."""
+    angle, height = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(0, 10, 21))
+    at = np.stack([6 * np.sin(angle), height, 6 * np.cos(angle)], axis=-1).reshape(-1, 3)
+    uv = np.stack([6 * angle, height], axis=-1).reshape(-1, 2) / 50
+    if turned:
+        uv = uv @ np.array([[0.8, 0.6], [-0.6, 0.8]]) + [0.15, 0.0]
+    first = (np.arange(20)[:, None] * 49 + np.arange(48)).reshape(-1)
+    one, two = np.stack([first, first + 1, first + 50]), np.stack([first, first + 50, first + 49])
+    faces = np.concatenate([one.T, two.T]).astype(np.int32)
+    return Mesh(at.astype(np.float32), faces, uv.astype(np.float32), faces)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_neck_has_rings(device: Device, turned: bool) -> None:
+    mesh = cylinder(turned)
+    count = len(mesh.positions)
+    still = Folds(np.zeros((count, 6), np.float32), 0, {"neck": np.ones(count, np.float32)})
+    leaders, pores = traced(device, mesh, still, spacing=0.05)
+    surface = leaders.courses.ground.surface
+    rings = [line * surface.scale for line in lines_of(pores)]
+    assert 6 <= len(rings) <= 20
+    length = [np.linalg.norm(np.diff(ring, axis=0), axis=1).sum() for ring in rings]
+    assert min(length) > 4.3
+    assert max(length) > 8.0
+    assert max(np.ptp(ring[:, 1]) for ring in rings) < 2.0
+    for i, ring in enumerate(rings):
+        others = np.concatenate(rings[:i] + rings[i + 1 :])
+        middle = ring[len(ring) // 4 : -len(ring) // 4]
+        assert cKDTree(others).query(middle)[0].min() > 0.8

@@ -17,7 +17,7 @@ from rhytid.support import cancellation
 from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.fields import SmoothNoise, level_directions
 from rhytid.synthesis.hashes import Words, place_keys, unit_intervals
-from rhytid.synthesis.leader_families import FAMILIES, Family
+from rhytid.synthesis.leader_families import FAMILIES, RINGS, Family
 from rhytid.synthesis.painted_fields import normals_at
 from rhytid.synthesis.pore_density import SPACING
 from rhytid.synthesis.pores import scatter_pores
@@ -49,7 +49,8 @@ class Wishes:
 
     key (C,): a random word of each.  size (C,): 0 to 1.  apart (C,): from larger lines, on the
     surface.  before, after (C,): steps to either side of the seed.  least (C,): steps that are left
-    of it at least.
+    of it at least.  family (C,): its number.  broad, deep (C,): factors of how broad
+    and how deep it is.
     """
 
     key: Words
@@ -58,6 +59,9 @@ class Wishes:
     before: IntArray
     after: IntArray
     least: IntArray
+    family: IntArray
+    broad: FloatArray
+    deep: FloatArray
 
     @classmethod
     def of(
@@ -70,10 +74,16 @@ class Wishes:
         length = family.shortest + more * (0.55 + 0.45 * two)
         steps = np.minimum(length, family.longest) / STEP
         before = np.rint(steps * (_SEED_AT[0] + (_SEED_AT[1] - _SEED_AT[0]) * three))
-        apart = (family.apart + family.farther * size) * (0.65 + 0.9 * four**2) * millimetre
+        by_chance = family.chance[0] + family.chance[1] * four**2
+        apart = (family.apart + family.farther * size) * by_chance * millimetre
         after = np.rint(steps) - before
-        least = np.full(len(key), int(family.shortest / STEP), np.int64)
-        return cls(key, size, apart, before.astype(np.int64), after.astype(np.int64), least)
+        least, number = (
+            np.full(len(key), value, np.int64)
+            for value in (int(family.shortest / STEP), family.number)
+        )
+        before, after = before.astype(np.int64), after.astype(np.int64)
+        broad, deep = np.full(len(key), family.broad), np.full(len(key), family.deep)
+        return cls(key, size, apart, before, after, least, number, broad, deep)
 
     @classmethod
     def joined(cls, parts: Sequence[Wishes]) -> Wishes:
@@ -83,8 +93,8 @@ class Wishes:
 
     @property
     def order(self) -> IntArray:
-        """The numbers of the lines, the largest first."""
-        found: IntArray = np.lexsort((self.key, -self.size))
+        """The numbers of the lines: rings first, of each kind the largest."""
+        found: IntArray = np.lexsort((self.key, -self.size, self.family != RINGS.number))
         return found
 
 
@@ -149,7 +159,7 @@ class Courses:
     def of(cls, ground: Ground, millimetre: float, seed: int, family: Family) -> Courses:
         """Lines of one family."""
         seeds, leading = _seeds(ground, millimetre, seed, family)
-        wishes = Wishes.of(place_keys(seeds.uv), leading, millimetre, seed ^ family.salt, family)
+        wishes = Wishes.of(place_keys(seeds.uv), leading, millimetre, seed ^ family.number, family)
         tracer = _Tracer(ground, millimetre, seed, family)
         back = tracer.traced(seeds, -1.0, wishes.before)
         ahead = tracer.traced(seeds, 1.0, wishes.after)
@@ -227,7 +237,7 @@ def _seeds(
     ground: Ground, millimetre: float, seed: int, family: Family
 ) -> tuple[Points, FloatArray]:
     """Seeds evenly over the surface, of these the ones where skin has leaders, and how far."""
-    radius, seed = family.seeds * millimetre / SPACING, seed ^ _SEED ^ family.salt
+    radius, seed = family.seeds * millimetre / SPACING, seed ^ _SEED ^ family.number
     found = scatter_pores(ground.work, ground.surface, radius, seed, silent)
     leading = family.leading(ground.fields, found.triangle, found.uv)
     begins = leading >= _BEGINS

@@ -2,7 +2,7 @@
 
 Leaders follow the preferred directions. Where skin folds two ways as much, as between the brows,
 which a frown folds upright and a raise folds level, the preferred direction is one of the two or
-neither, and level ones cross the others.
+neither, and level ones cross the others. A neck has rings.
 """
 
 from __future__ import annotations
@@ -26,21 +26,26 @@ class Family:
     """One kind of leaders.
 
     leading: (N,) how far skin has them, at triangles (N,) and uv (N, 2).  turn: (N,) radians to the
-    left from the level direction to them.  salt: of random numbers.  seeds: millimetres from seed
+    left from the level direction to them.  number: of the family.  seeds: millimetres from seed
     to seed.  shortest, longest: millimetres.  apart, farther: millimetres between small ones, and
-    how much farther the largest are from others.  least: size of the smallest, 0 to 1.  winding:
-    how far they wind about their direction, radians, and over which lengths, millimetres.
+    how much farther the largest are from others.  least: size of the smallest, 0 to 1.  chance: the
+    least factor of the distance, and how much larger it may be.  broad, deep: factors of how broad
+    and how deep they are.  winding: how far they wind about their direction, radians, and over
+    which lengths, millimetres.
     """
 
     leading: Values
     turn: Values
-    salt: int = 0
+    number: int = 0
     seeds: float = 2.4
     shortest: float = SHORTEST
     longest: float = LONGEST
     apart: float = 2.6
     farther: float = 3.4
     least: float = 0.12
+    chance: tuple[float, float] = (0.65, 0.9)
+    broad: float = 1.0
+    deep: float = 1.0
     winding: tuple[tuple[float, float], ...] = ((0.15, 9.0), (0.2, 2.2), (0.14, 0.8))
 
 
@@ -52,7 +57,7 @@ PREFERRED = Family(lambda f, *place: f.leading(*place), lambda f, *place: f.turn
 CROSSING = Family(
     lambda f, *place: f.crossing(*place),
     _level,
-    salt=1,
+    number=1,
     shortest=12.0,
     longest=34.0,
     apart=4.5,
@@ -60,10 +65,36 @@ CROSSING = Family(
     least=0.6,
     winding=((0.12, 9.0), (0.14, 2.2), (0.1, 0.8)),
 )
-FAMILIES = (PREFERRED, CROSSING)
+RINGS = Family(
+    lambda f, *place: f.rings(*place),
+    _level,
+    number=2,
+    seeds=5.0,
+    shortest=45.0,
+    longest=140.0,
+    apart=19.0,
+    farther=0.0,
+    least=0.5,
+    chance=(0.85, 0.45),
+    broad=1.8,
+    deep=1.7,
+    winding=((0.1, 30.0), (0.08, 6.0), (0.05, 1.5)),
+)
+# By number.
+FAMILIES = (PREFERRED, CROSSING, RINGS)
+# Those that expressions leave behind.
+_FOLDED = (PREFERRED, CROSSING)
 
 
 def leading_any_way(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-    """(N,) how far skin has leaders of any family."""
-    found: Factors = np.max([f.leading(fields, triangle, uv) for f in FAMILIES], axis=0)
+    """(N,) how far skin folds so that it has leaders of any family; rings do not count."""
+    found: Factors = np.max([f.leading(fields, triangle, uv) for f in _FOLDED], axis=0)
     return found
+
+
+def leading_of(
+    number: NDArray[Any], fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]
+) -> Factors:
+    """(N,) how far skin has leaders of families by their numbers (N,)."""
+    rings = RINGS.leading(fields, triangle, uv)
+    return np.where(number == RINGS.number, rings, leading_any_way(fields, triangle, uv))

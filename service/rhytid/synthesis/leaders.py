@@ -20,7 +20,7 @@ from rhytid.support import cancellation
 from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.hashes import unit_intervals
 from rhytid.synthesis.leader_courses import STEP, Courses
-from rhytid.synthesis.leader_families import leading_any_way
+from rhytid.synthesis.leader_families import RINGS, leading_of
 from rhytid.synthesis.pore_density import spacings
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, unit
 
@@ -118,9 +118,11 @@ class Leaders:
         taper = _taper((where - self.first[line]) / (self.last - self.first)[line])
         size = np.sqrt(self.courses.wishes.size[self.row[line]])
         uneven = self._uneven(line, where)
-        width = size * (_ENDS + (1.0 - _ENDS) * taper) * np.sqrt(uneven)
-        leading = np.clip(leading_any_way(fields, points.triangle, points.uv), 0.0, 1.0)
-        depth = size * taper * uneven * np.sqrt(leading)
+        broad = self.courses.wishes.broad[self.row[line]]
+        width = size * broad * (_ENDS + (1.0 - _ENDS) * taper) * np.sqrt(uneven)
+        family = self.courses.wishes.family[self.row[line]]
+        leading = np.clip(leading_of(family, fields, points.triangle, points.uv), 0.0, 1.0)
+        depth = size * self.courses.wishes.deep[self.row[line]] * taper * uneven * np.sqrt(leading)
         holds = surface.carries[points.triangle] & ~fields.bare(points.triangle, points.uv)
         values = (values[holds].astype(np.float32) for values in (depth, width))
         return LeaderPores(points.take(holds), line[holds], *values)
@@ -206,6 +208,8 @@ class _Beside:
         self._way = courses.way[self._there]
         self._normal = courses.points.normal[self._there].astype(np.float64)
         self._apart = courses.wishes.apart[self._there // courses.there.shape[1]]
+        family = courses.wishes.family[self._there // courses.there.shape[1]]
+        self._ring = family == RINGS.number
         self._tree = scipy.spatial.cKDTree(self._position)
 
     def of(self, row: int, at: IntArray) -> IntArray:
@@ -220,7 +224,9 @@ class _Beside:
         tangent = unit(np.gradient(points.position, axis=0))
         along = np.einsum("nx,nx->n", apart, tangent[of])
         distance = np.sqrt((apart**2).sum(axis=1) + (_ALONG**2 - 1.0) * along**2)
-        limit = np.maximum(np.minimum(self._apart[found], reach), _BESIDE * reach)
+        limit = np.minimum(self._apart[found], reach)
+        alike = self._ring[found] == (self._courses.wishes.family[row] == RINGS.number)
+        limit = np.where(alike, np.maximum(limit, _BESIDE * reach), limit)
         facing = np.einsum("nx,nx->n", self._normal[found], points.normal[of]) > 0
         beside = np.abs(np.einsum("nx,nx->n", self._way[found], tangent[of])) > _CROSSES
         taken: IntArray = self._there[found[(distance < limit) & facing & beside]]

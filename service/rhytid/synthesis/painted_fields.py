@@ -206,6 +206,11 @@ class PaintedFields(Fields):
         found *= self.of_regions(crossed, triangle, uv)
         return found
 
+    def rings(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin has rings: of the regions."""
+        rings = {name: region.rings for name, region in self._skin.items()}
+        return self.of_regions(rings, triangle, uv)
+
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians to the left from the level direction. Painted directions, then folds, take the
         place of the preferred direction and of the turn of a region; patches sway about it, about
