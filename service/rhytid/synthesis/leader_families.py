@@ -76,8 +76,8 @@ RINGS = Family(
     farther=0.0,
     least=0.5,
     chance=(0.85, 0.45),
-    broad=1.8,
-    deep=1.7,
+    broad=1.4,
+    deep=2.3,
     winding=((0.1, 30.0), (0.08, 6.0), (0.05, 1.5)),
 )
 # By number.
