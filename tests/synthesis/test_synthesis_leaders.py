@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -18,7 +19,8 @@ from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.generate import Synthesis, synthesize
-from rhytid.synthesis.leader_courses import LONGEST, SHORTEST, STEP
+from rhytid.synthesis.leader_courses import STEP
+from rhytid.synthesis.leader_families import LONGEST, PREFERRED, SHORTEST
 from rhytid.synthesis.leaders import LeaderPores, Leaders, leaders_of, unit_length
 from rhytid.synthesis.painted_fields import fields_of
 from rhytid.synthesis.patches import Patches
@@ -111,7 +113,8 @@ def test_they_keep_their_distance(device: Device) -> None:
 
 def test_they_end_before_a_hook(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     """Over 5 mm in the middle the preferred direction turns by a right angle."""
-    monkeypatch.setattr(leader_courses, "_WINDING", ())
+    straight = (replace(PREFERRED, winding=()),)
+    monkeypatch.setattr(leader_courses, "FAMILIES", straight)
     turn = 90.0 * np.clip(0.5 + (MESH.positions[:, 1] - 0.5) / (5 * MILLIMETRE), 0.0, 1.0)
     axis = np.exp(1j * np.radians(turn))
     rows = np.stack([axis.real**2, axis.imag**2, 0 * turn, axis.real * axis.imag], axis=1)
@@ -125,6 +128,24 @@ def test_they_end_before_a_hook(device: Device, monkeypatch: pytest.MonkeyPatch)
         turns += np.degrees(np.arccos(np.clip((way[3:] * way[:-3]).sum(axis=1), -1, 1))).tolist()
     assert len(leaders) > 10
     assert max(turns) < 32.0
+
+
+def test_level_ones_cross_those_of_another_fold(device: Device) -> None:
+    """Skin is compressed along x, and nearly as far along y."""
+    both = np.zeros((len(MESH.positions), 6), np.float32)
+    both[:, 0], both[:, 1] = 0.15**2, 0.12**2
+    found = Folds(both, ENOUGH, {"forehead": np.ones(len(both), np.float32)})
+    _, pores = traced(device, MESH, found)
+    ways = [line[-1] - line[0] for line in lines_of(pores)]
+    level = np.array([abs(way[0]) > 2 * abs(way[1]) for way in ways])
+    upright = np.array([abs(way[1]) > 2 * abs(way[0]) for way in ways])
+    assert min(level.sum(), upright.sum()) > 8
+    place, line = pores.points.position, np.unique(pores.line, return_inverse=True)[1]
+    near = cKDTree(place[level[line]]).query(place[upright[line]])[0]
+    assert (near < 0.5 * MILLIMETRE).sum() > 8
+    elsewhere = Folds(both, ENOUGH, {"cheek": np.ones(len(both), np.float32)})
+    ways = [line[-1] - line[0] for line in lines_of(traced(device, MESH, elsewhere)[1])]
+    assert np.mean([abs(way[1]) > abs(way[0]) for way in ways]) > 0.9
 
 
 def test_they_taper_to_both_ends_and_differ_in_depth(device: Device) -> None:
@@ -263,3 +284,35 @@ def test_they_run_on_through_patches(device: Device) -> None:
     assert leads.sum() > 100
     follows, followed = (np.polyfit(lively[of], depth[of], 1)[0] for of in (leads, ~leads))
     assert 0.1 < follows < 0.6 < followed
+
+
+def cylinder(turned: bool) -> Mesh:
+    """A neck of 10 cm around the y axis, 12 cm wide, in cm; its UV as it is, or turned aslant."""
+    angle, height = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(0, 10, 21))
+    at = np.stack([6 * np.sin(angle), height, 6 * np.cos(angle)], axis=-1).reshape(-1, 3)
+    uv = np.stack([6 * angle, height], axis=-1).reshape(-1, 2) / 50
+    if turned:
+        uv = uv @ np.array([[0.8, 0.6], [-0.6, 0.8]]) + [0.15, 0.0]
+    first = (np.arange(20)[:, None] * 49 + np.arange(48)).reshape(-1)
+    one, two = np.stack([first, first + 1, first + 50]), np.stack([first, first + 50, first + 49])
+    faces = np.concatenate([one.T, two.T]).astype(np.int32)
+    return Mesh(at.astype(np.float32), faces, uv.astype(np.float32), faces)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_neck_has_rings(device: Device, turned: bool) -> None:
+    mesh = cylinder(turned)
+    count = len(mesh.positions)
+    still = Folds(np.zeros((count, 6), np.float32), 0, {"neck": np.ones(count, np.float32)})
+    leaders, pores = traced(device, mesh, still, spacing=0.05)
+    surface = leaders.courses.ground.surface
+    rings = [line * surface.scale for line in lines_of(pores)]
+    assert 6 <= len(rings) <= 20
+    length = [np.linalg.norm(np.diff(ring, axis=0), axis=1).sum() for ring in rings]
+    assert min(length) > 4.3
+    assert max(length) > 8.0
+    assert max(np.ptp(ring[:, 1]) for ring in rings) < 2.0
+    for i, ring in enumerate(rings):
+        others = np.concatenate(rings[:i] + rings[i + 1 :])
+        middle = ring[len(ring) // 4 : -len(ring) // 4]
+        assert cKDTree(others).query(middle)[0].min() > 0.8

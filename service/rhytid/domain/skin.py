@@ -57,7 +57,8 @@ class Region:
     relief between lines.  undulation: of the broad swells.  folded: power of what folds make of the
     strength of lines, primary ones too: below 1 skin that folds is smoother at rest.  patchiness:
     how far patches of some millimetres differ.  leading: of how far skin that folds has leaders, at
-    any age.  old: what age makes of the others.
+    any age.  crossed: of how far it has long level ones, too, whatever else folds it.  rings: how
+    far it has long soft lines around the vertical axis.  old: what age makes of the others.
     """
 
     density: float = 1.0
@@ -74,6 +75,8 @@ class Region:
     folded: float = 1.0
     patchiness: float = 1.0
     leading: float = 1.0
+    crossed: float = 0.0
+    rings: float = 0.0
     old: Old = Old()
 
 
@@ -92,6 +95,7 @@ REGIONS: dict[str, Region] = {
         undulation=1.5,
         patchiness=2.2,
         leading=1.3,
+        crossed=1.3,
         old=Old(strength=1.2, contrast=1.3, grain=1.3),
     ),
     # Led by large pores; a fine net of rhombi without much of a direction, faint.
@@ -165,6 +169,7 @@ REGIONS: dict[str, Region] = {
         undulation=2.2,
         patchiness=3.3,
         leading=0.55,
+        rings=1.0,
         pore_strength=0.5,
         old=Old(strength=2.1, pore_strength=1.4, anisotropy=1.1, contrast=1.0, grain=1.2),
     ),

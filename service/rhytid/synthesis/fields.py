@@ -81,6 +81,14 @@ class Fields:
         """How far skin has leaders, few long deep lines: 0 not at all, 1 as far as any."""
         return np.zeros(len(triangle), np.float32)
 
+    def crossing(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin has long level leaders whatever else folds it, as `leading`."""
+        return np.zeros(len(triangle), np.float32)
+
+    def rings(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin has rings, long soft level lines: 0 to 1."""
+        return np.zeros(len(triangle), np.float32)
+
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians by which the preferred direction turns left, seen from outside."""
         return np.zeros(len(triangle), np.float32)

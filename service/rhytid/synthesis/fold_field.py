@@ -35,6 +35,9 @@ _FAINT, _DEEP, _POWER = 0.62, 1.5, 0.8
 _FAINT_PRIMARY, _DEEP_PRIMARY = 0.55, 1.6
 # Shares of what can be between which skin begins to have leaders, and the same of eccentricities.
 _LEADS, _ONE_WAY = (0.06, 0.4), (0.0, 0.12)
+# The same of those that are level whatever else folds, and how far skin folds across them then,
+# of the most in any direction.
+_LEVEL, _ACROSS = (0.05, 0.22), (0.65, 0.95)
 # Where leaders lead, the lines between them cross each other: how far these keep to a direction,
 # how far they go there from what they would be, and what primary lines lose, at rank 1.
 _BETWEEN, _LOOSENED, _LED = 0.7, 0.8, 0.6
@@ -90,7 +93,10 @@ class FoldField:
         for name in AGEING if age != USUAL_AGE else ():
             known[name] = known[name] * np.exp(fold_factor_log(name, age) * share)
         self._certainty = certainty.astype(np.float32)
-        known |= {"certainty": certainty, "leading": leading}
+        level = self._across_level()
+        crossing = _ramp(_within(level / np.maximum(folds.axes()[0], 1e-12), _ACROSS))
+        crossing *= _ramp(_within(np.tanh(level / FOLDED), _LEVEL))
+        known |= {"certainty": certainty, "leading": leading, "crossing": crossing}
         self._planes = {n: self._planes_of(v) for n, v in known.items()}
         used = np.flatnonzero(surface.carries)
         extent = np.ptp(surface.uv[used], axis=1).max(axis=1)
@@ -99,7 +105,7 @@ class FoldField:
     def factor(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """(N,) a property of lines by its name: the factor of their `strength`, `anisotropy` or
         `width`, that of `primary` lines; or, from 0 to 1, the `certainty` of their direction, or
-        how far they have leaders (`leading`)."""
+        how far they have leaders (`leading`), or long level ones (`crossing`)."""
         return self.at(self._planes[name], triangle, uv)
 
     def mixed(self, values: Mapping[str, float], base: float) -> Planes:
@@ -148,6 +154,16 @@ class FoldField:
         twice: ComplexArray = (across - along) - 2j * mixed
         axis: ComplexArray = twice / np.maximum(np.abs(twice), 1e-30)
         return axis
+
+    def _across_level(self) -> FloatArray:
+        """(V,) root mean square log compression across the level direction."""
+        normal = np.zeros((len(self._tensor), 3))
+        normal[self._faces] = self._surface.normals
+        beside = np.cross(normal, level_directions(normal))
+        found: FloatArray = np.sqrt(
+            np.maximum(_form(self._tensor.astype(np.float64), beside, beside), 0.0)
+        )
+        return found
 
     def _planes_of(self, values: FloatArray) -> Planes:
         """The planes of values at vertices (V,)."""

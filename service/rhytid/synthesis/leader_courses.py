@@ -7,7 +7,8 @@ and from how far skin has leaders there. Left and right differ, for their places
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from rhytid.support import cancellation
 from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.fields import SmoothNoise, level_directions
 from rhytid.synthesis.hashes import Words, place_keys, unit_intervals
+from rhytid.synthesis.leader_families import FAMILIES, RINGS, Family
 from rhytid.synthesis.painted_fields import normals_at
 from rhytid.synthesis.pore_density import SPACING
 from rhytid.synthesis.pores import scatter_pores
@@ -24,16 +26,10 @@ from rhytid.synthesis.seams.borders import NONE, Borders
 from rhytid.synthesis.seams.charts import side_at, trace
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface
 
-# Millimetres: from seed to seed, and from one point of a line to the next.
-SEEDS, STEP = 2.4, 1.0
-# Millimetres: the shortest line that is kept, and the longest.
-SHORTEST, LONGEST = 7.0, 20.0
+# Millimetres from one point of a line to the next.
+STEP = 1.0
 # Shares of its length at which the seed of a line lies.
 _SEED_AT = (0.3, 0.7)
-# Millimetres between lines: small ones, and how much farther the largest are from others.
-_APART, _FARTHER = 2.6, 3.4
-# How far lines wind about the preferred direction, radians, and over which lengths, millimetres.
-_WINDING = ((0.15, 9.0), (0.2, 2.2), (0.14, 0.8))
 # How far skin must have leaders for a line to begin, and to go on.
 _BEGINS, _GOES_ON = 0.12, 0.04
 # Cosine of the turn in one step at which a line ends: it has run into a whirl of the field.
@@ -52,7 +48,9 @@ class Wishes:
     """What C lines are to be.
 
     key (C,): a random word of each.  size (C,): 0 to 1.  apart (C,): from larger lines, on the
-    surface.  before, after (C,): steps to either side of the seed.
+    surface.  before, after (C,): steps to either side of the seed.  least (C,): steps that are left
+    of it at least.  family (C,): its number.  broad, deep (C,): factors of how broad
+    and how deep it is.
     """
 
     key: Words
@@ -60,23 +58,43 @@ class Wishes:
     apart: FloatArray
     before: IntArray
     after: IntArray
+    least: IntArray
+    family: IntArray
+    broad: FloatArray
+    deep: FloatArray
 
     @classmethod
-    def of(cls, key: Words, leading: FloatArray, millimetre: float, seed: int) -> Wishes:
+    def of(
+        cls, key: Words, leading: FloatArray, millimetre: float, seed: int, family: Family
+    ) -> Wishes:
         """Wishes by chance.  leading (C,): how far skin has leaders."""
         one, two, three, four = (u.astype(np.float64) for u in unit_intervals(key, _SIZE, seed))
-        size = np.sqrt(leading) * (0.12 + 0.88 * one**1.7)
-        length = SHORTEST + (LONGEST - SHORTEST) * size**0.25 * (0.55 + 0.45 * two)
-        steps = np.minimum(length, LONGEST) / STEP
+        size = np.sqrt(leading) * (family.least + (1.0 - family.least) * one**1.7)
+        more = (family.longest - family.shortest) * size**0.25
+        length = family.shortest + more * (0.55 + 0.45 * two)
+        steps = np.minimum(length, family.longest) / STEP
         before = np.rint(steps * (_SEED_AT[0] + (_SEED_AT[1] - _SEED_AT[0]) * three))
-        apart = (_APART + _FARTHER * size) * (0.65 + 0.9 * four**2) * millimetre
+        by_chance = family.chance[0] + family.chance[1] * four**2
+        apart = (family.apart + family.farther * size) * by_chance * millimetre
         after = np.rint(steps) - before
-        return cls(key, size, apart, before.astype(np.int64), after.astype(np.int64))
+        least, number = (
+            np.full(len(key), value, np.int64)
+            for value in (int(family.shortest / STEP), family.number)
+        )
+        before, after = before.astype(np.int64), after.astype(np.int64)
+        broad, deep = np.full(len(key), family.broad), np.full(len(key), family.deep)
+        return cls(key, size, apart, before, after, least, number, broad, deep)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Wishes]) -> Wishes:
+        """The wishes of all, part after part."""
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.concatenate([getattr(part, n) for part in parts]) for n in names))
 
     @property
     def order(self) -> IntArray:
-        """The numbers of the lines, the largest first."""
-        found: IntArray = np.lexsort((self.key, -self.size))
+        """The numbers of the lines: rings first, of each kind the largest."""
+        found: IntArray = np.lexsort((self.key, -self.size, self.family != RINGS.number))
         return found
 
 
@@ -85,7 +103,8 @@ class Courses:
     """C lines of 2K + 1 points, K to either side of a seed, the point K; where a line ends before,
     the rest is not there.
 
-    points: (C (2K + 1)), line after line.  there (C, 2K + 1): which of them exist.  step (C, 2K,
+    points: (C (2K + 1)), line after line.  way (C (2K + 1), 3): unit tangents at them, of either
+    sign.  there (C, 2K + 1): which of them exist.  step (C, 2K,
     2): in UV from each point to the next, as it was walked, away from the seed.  length: on the
     surface, from point to point.
     """
@@ -93,6 +112,7 @@ class Courses:
     ground: Ground
     wishes: Wishes
     points: Points
+    way: FloatArray
     there: BoolArray
     step: FloatArray
     length: float
@@ -104,10 +124,43 @@ class Courses:
 
     @classmethod
     def traced(cls, ground: Ground, millimetre: float, seed: int) -> Courses:
-        """Lines from seeds all over the skin that folds one way."""
-        seeds, leading = _seeds(ground, millimetre, seed)
-        wishes = Wishes.of(place_keys(seeds.uv), leading, millimetre, seed)
-        tracer = _Tracer(ground, millimetre, seed)
+        """Lines from seeds all over the skin that has leaders, family after family."""
+        return cls.joined([cls.of(ground, millimetre, seed, family) for family in FAMILIES])
+
+    @classmethod
+    def joined(cls, parts: Sequence[Courses]) -> Courses:
+        """The lines of all, part after part."""
+        most = max(part.half for part in parts)
+        parts = [part.padded(most) for part in parts]
+        one, way = parts[0], np.concatenate([part.way for part in parts])
+        there, step = (
+            np.concatenate([getattr(part, name) for part in parts]) for name in ("there", "step")
+        )
+        wishes = Wishes.joined([part.wishes for part in parts])
+        points = Points.joined([part.points for part in parts])
+        return cls(one.ground, wishes, points, way, there, step, one.length)
+
+    @property
+    def half(self) -> int:
+        """K."""
+        return int(self.there.shape[1] // 2)
+
+    def padded(self, half: int) -> Courses:
+        """The same lines with `half` points to either side of the seed, at least K."""
+        more, width = half - self.half, self.there.shape[1]
+        at = np.clip(np.arange(2 * half + 1) - more, 0, width - 1)
+        index = (np.arange(len(self.there))[:, None] * width + at).reshape(-1)
+        there = np.pad(self.there, ((0, 0), (more, more)))
+        step = np.pad(self.step, ((0, 0), (more, more), (0, 0)))
+        points, way = self.points.take(index), self.way[index]
+        return Courses(self.ground, self.wishes, points, way, there, step, self.length)
+
+    @classmethod
+    def of(cls, ground: Ground, millimetre: float, seed: int, family: Family) -> Courses:
+        """Lines of one family."""
+        seeds, leading = _seeds(ground, millimetre, seed, family)
+        wishes = Wishes.of(place_keys(seeds.uv), leading, millimetre, seed ^ family.number, family)
+        tracer = _Tracer(ground, millimetre, seed, family)
         back = tracer.traced(seeds, -1.0, wishes.before)
         ahead = tracer.traced(seeds, 1.0, wishes.after)
         triangle, uv, there = (
@@ -115,12 +168,13 @@ class Courses:
             for one, two in zip(back[:3], ahead[:3], strict=True)
         )
         step = np.concatenate([back[3][:, ::-1], ahead[3]], axis=1)
-        points = points_at(ground, triangle.reshape(-1), uv.reshape(-1, 2))
-        return cls(ground, wishes, points, there, step, STEP * millimetre)
+        triangle, uv = triangle.reshape(-1), uv.reshape(-1, 2)
+        points, way = points_at(ground, triangle, uv), tracer.axes(triangle, uv)[0]
+        return cls(ground, wishes, points, way, there, step, STEP * millimetre)
 
     def between(self, row: IntArray, at: FloatArray) -> Points:
         """Points of lines `row` (Q,) at `at` (Q,), counted in points."""
-        half = self.there.shape[1] // 2
+        half = self.half
         before = np.clip(np.floor(at).astype(np.int64), 0, 2 * half - 1)
         share, ahead = at - before, before >= half
         start = self.index(row, np.where(ahead, before, before + 1))
@@ -179,11 +233,13 @@ def _over(
     return rows
 
 
-def _seeds(ground: Ground, millimetre: float, seed: int) -> tuple[Points, FloatArray]:
+def _seeds(
+    ground: Ground, millimetre: float, seed: int, family: Family
+) -> tuple[Points, FloatArray]:
     """Seeds evenly over the surface, of these the ones where skin has leaders, and how far."""
-    radius = SEEDS * millimetre / SPACING
-    found = scatter_pores(ground.work, ground.surface, radius, seed ^ _SEED, silent)
-    leading = ground.fields.leading(found.triangle, found.uv)
+    radius, seed = family.seeds * millimetre / SPACING, seed ^ _SEED ^ family.number
+    found = scatter_pores(ground.work, ground.surface, radius, seed, silent)
+    leading = family.leading(ground.fields, found.triangle, found.uv)
     begins = leading >= _BEGINS
     return found.take(begins), leading[begins].astype(np.float64)
 
@@ -191,10 +247,10 @@ def _seeds(ground: Ground, millimetre: float, seed: int) -> tuple[Points, FloatA
 class _Tracer:
     """The directions that leaders take, and steps along them."""
 
-    def __init__(self, ground: Ground, millimetre: float, seed: int) -> None:
-        self._ground, self._step_length = ground, STEP * millimetre
+    def __init__(self, ground: Ground, millimetre: float, seed: int, family: Family) -> None:
+        self._ground, self._family, self._step_length = ground, family, STEP * millimetre
         rng = np.random.default_rng([seed, _NOISE])
-        self._winding = [(bend, SmoothNoise(mm * millimetre, rng)) for bend, mm in _WINDING]
+        self._winding = [(bend, SmoothNoise(mm * millimetre, rng)) for bend, mm in family.winding]
         self._to_uv = np.linalg.pinv(ground.surface.jacobian)
 
     def traced(
@@ -205,12 +261,12 @@ class _Tracer:
 
         side: 1 along the directions, -1 the other way.  steps (C,): at most.
         """
-        count, most = len(seeds), int(LONGEST * _SEED_AT[1] / STEP) + 1
+        count, most = len(seeds), int(self._family.longest * _SEED_AT[1] / STEP) + 1
         triangle = np.repeat(seeds.triangle.astype(np.int64)[:, None], most + 1, axis=1)
         uv = np.repeat(seeds.uv.astype(np.float64)[:, None], most + 1, axis=1)
         step, there = np.zeros((count, most, 2)), np.zeros((count, most + 1), np.bool_)
         there[:, 0] = True
-        axis, field = self._axes(triangle[:, 0], uv[:, 0])
+        axis, field = self.axes(triangle[:, 0], uv[:, 0])
         going, heading = np.arange(count), side * axis
         # Of the last points, the first the farthest back.
         passed = np.repeat(field[None], _HOOKED, axis=0)
@@ -219,7 +275,7 @@ class _Tracer:
             further = steps[going] > k
             going, heading = going[further], heading[further]
             at, where = triangle[going, k], uv[going, k]
-            axis, field = self._axes(at, where)
+            axis, field = self.axes(at, where)
             straight = _along(axis, heading) >= _WHIRL
             straight &= _along(field, passed[0, going]) >= _HOOK
             heading = axis * np.where(np.einsum("nx,nx->n", axis, heading) < 0, -1.0, 1.0)[:, None]
@@ -232,14 +288,15 @@ class _Tracer:
             there[going, k + 1] = True
         return triangle, uv, there, step
 
-    def _axes(self, triangle: IntArray, uv: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def axes(self, triangle: IntArray, uv: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(N, 3) unit tangents along the lines that leaders follow, and those of the field about
         which these wind."""
         surface, fields = self._ground.surface, self._ground.fields
         normal, position = normals_at(surface, triangle, uv), surface.place(triangle, uv)
         level = level_directions(normal)
         beside = np.cross(normal, level)
-        angle = fields.turn(triangle, uv.astype(np.float32)).astype(np.float64)
+        turn = self._family.turn(fields, triangle, uv.astype(np.float32))
+        angle = turn.astype(np.float64)
         straight = _turned(level, beside, angle)
         for bend, noise in self._winding:
             angle += bend * noise.at(position)
@@ -253,7 +310,7 @@ class _Tracer:
 
     def _goes_on(self, triangle: IntArray, uv: FloatArray) -> BoolArray:
         ground, place = self._ground, uv.astype(np.float32)
-        leads: BoolArray = ground.fields.leading(triangle, place) >= _GOES_ON
+        leads: BoolArray = self._family.leading(ground.fields, triangle, place) >= _GOES_ON
         return leads & ground.surface.carries[triangle] & ~ground.fields.bare(triangle, place)
 
 

@@ -19,12 +19,15 @@ from rhytid.domain.lengths import SKIN, millimetres
 from rhytid.support import cancellation
 from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.hashes import unit_intervals
-from rhytid.synthesis.leader_courses import SHORTEST, STEP, Courses
+from rhytid.synthesis.leader_courses import STEP, Courses
+from rhytid.synthesis.leader_families import RINGS, leading_of
 from rhytid.synthesis.pore_density import spacings
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, unit
 
 # Of the distance that a larger line keeps from others, what it keeps from smaller ones at least.
 _BESIDE = 0.75
+# Cosine of the angle, 41 degrees, from which on lines cross and keep no distance.
+_CROSSES = 0.75
 # How much farther apart than they are lines count along one of them: ends may follow one another.
 _ALONG = 2.2
 # From one pore on a line to the next, in radii of its discs: some room for what the chord cuts off.
@@ -115,9 +118,11 @@ class Leaders:
         taper = _taper((where - self.first[line]) / (self.last - self.first)[line])
         size = np.sqrt(self.courses.wishes.size[self.row[line]])
         uneven = self._uneven(line, where)
-        width = size * (_ENDS + (1.0 - _ENDS) * taper) * np.sqrt(uneven)
-        leading = np.clip(fields.leading(points.triangle, points.uv), 0.0, 1.0)
-        depth = size * taper * uneven * np.sqrt(leading)
+        broad = self.courses.wishes.broad[self.row[line]]
+        width = size * broad * (_ENDS + (1.0 - _ENDS) * taper) * np.sqrt(uneven)
+        family = self.courses.wishes.family[self.row[line]]
+        leading = np.clip(leading_of(family, fields, points.triangle, points.uv), 0.0, 1.0)
+        depth = size * self.courses.wishes.deep[self.row[line]] * taper * uneven * np.sqrt(leading)
         holds = surface.carries[points.triangle] & ~fields.bare(points.triangle, points.uv)
         values = (values[holds].astype(np.float32) for values in (depth, width))
         return LeaderPores(points.take(holds), line[holds], *values)
@@ -167,11 +172,12 @@ def _taper(share: FloatArray) -> FloatArray:
 def _chosen(courses: Courses) -> tuple[IntArray, IntArray, IntArray]:
     """Lines that become leaders, and the first and the last point of each: one after the other,
     each where it is far enough from all before it."""
-    free, width, least = courses.there.copy(), courses.there.shape[1], int(SHORTEST / STEP)
+    free, width = courses.there.copy(), courses.there.shape[1]
     beside = _Beside(courses)
     rows, spans = [], []
     for row in courses.wishes.order:
         cancellation.check()
+        least = courses.wishes.least[row]
         if np.count_nonzero(free[row]) <= least:
             continue
         first, last = _longest_run(free[row])
@@ -199,12 +205,16 @@ class _Beside:
     def __init__(self, courses: Courses) -> None:
         self._courses, self._there = courses, np.flatnonzero(courses.there.reshape(-1))
         self._position = courses.points.position[self._there]
+        self._way = courses.way[self._there]
         self._normal = courses.points.normal[self._there].astype(np.float64)
         self._apart = courses.wishes.apart[self._there // courses.there.shape[1]]
+        family = courses.wishes.family[self._there // courses.there.shape[1]]
+        self._ring = family == RINGS.number
         self._tree = scipy.spatial.cKDTree(self._position)
 
     def of(self, row: int, at: IntArray) -> IntArray:
-        """Numbers of the points that lie too near to the points `at` of a line."""
+        """Numbers of the points that lie too near to the points `at` of a line, but those of
+        lines that cross it."""
         points = self._courses.points.take(self._courses.index(row, at))
         reach = self._courses.wishes.apart[row]
         near = self._tree.query_ball_point(points.position, reach, return_sorted=False)
@@ -214,7 +224,10 @@ class _Beside:
         tangent = unit(np.gradient(points.position, axis=0))
         along = np.einsum("nx,nx->n", apart, tangent[of])
         distance = np.sqrt((apart**2).sum(axis=1) + (_ALONG**2 - 1.0) * along**2)
-        limit = np.maximum(np.minimum(self._apart[found], reach), _BESIDE * reach)
+        limit = np.minimum(self._apart[found], reach)
+        alike = self._ring[found] == (self._courses.wishes.family[row] == RINGS.number)
+        limit = np.where(alike, np.maximum(limit, _BESIDE * reach), limit)
         facing = np.einsum("nx,nx->n", self._normal[found], points.normal[of]) > 0
-        taken: IntArray = self._there[found[(distance < limit) & facing]]
+        beside = np.abs(np.einsum("nx,nx->n", self._way[found], tangent[of])) > _CROSSES
+        taken: IntArray = self._there[found[(distance < limit) & facing & beside]]
         return taken

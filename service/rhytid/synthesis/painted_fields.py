@@ -196,6 +196,21 @@ class PaintedFields(Fields):
             return super().leading(triangle, uv)
         return self._folds.factor("leading", triangle, uv) * self._region("leading", triangle, uv)
 
+    def crossing(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin has long level leaders whatever else folds it: as the folds say, in the
+        regions that have such."""
+        if self._folds is None:
+            return super().crossing(triangle, uv)
+        crossed = {name: region.crossed for name, region in self._skin.items()}
+        found = self._folds.factor("crossing", triangle, uv)
+        found *= self.of_regions(crossed, triangle, uv)
+        return found
+
+    def rings(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin has rings: of the regions."""
+        rings = {name: region.rings for name, region in self._skin.items()}
+        return self.of_regions(rings, triangle, uv)
+
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians to the left from the level direction. Painted directions, then folds, take the
         place of the preferred direction and of the turn of a region; patches sway about it, about

@@ -16,6 +16,7 @@ from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.skin import wear
 from rhytid.synthesis.candidate_graph import CandidateGraph
 from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.leader_families import leading_any_way
 from rhytid.synthesis.leaders import LeaderPores
 from rhytid.synthesis.shapes import WIDE
 
@@ -78,7 +79,7 @@ class Ranks:
         broad = min(rank, 1.0) * (_NARROW + (_BROAD - _NARROW) * size)
         width[edge] = WIDE * broad
         near = _nearness(net, leaders, _REACH * spacing)
-        leading = fields.leading(net.pores.triangle, net.pores.uv)
+        leading = leading_any_way(fields, net.pores.triangle, net.pores.uv)
         quiet = (1.0 - _BESIDE * near) * (1.0 - _FOLDED * leading)
         quiet *= _OLD_OTHERS ** (worn * leading)
         of_pores = np.ones(len(net.pores), np.float32)

@@ -5,7 +5,8 @@ those that other charts cover."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -50,6 +51,12 @@ class Points:
 
     def __len__(self) -> int:
         return len(self.triangle)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Points]) -> Points:
+        """The points of all, part after part."""
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.concatenate([getattr(part, n) for part in parts]) for n in names))
 
     def take(self, index: BoolArray | IntArray) -> Points:
         """The points of an index or a mask, in its order."""

@@ -1,0 +1,100 @@
+"""Families of leaders: where each kind of them is, and which way it runs.
+
+Leaders follow the preferred directions. Where skin folds two ways as much, as between the brows,
+which a frown folds upright and a raise folds level, the preferred direction is one of the two or
+neither, and level ones cross the others. A neck has rings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.synthesis.fields import Factors, Fields
+
+# Millimetres: the shortest leader along the preferred directions, and the longest.
+SHORTEST, LONGEST = 7.0, 20.0
+Values = Callable[[Fields, NDArray[Any], NDArray[Any]], Factors]
+
+
+@dataclass(frozen=True)
+class Family:
+    """One kind of leaders.
+
+    leading: (N,) how far skin has them, at triangles (N,) and uv (N, 2).  turn: (N,) radians to the
+    left from the level direction to them.  number: of the family.  seeds: millimetres from seed
+    to seed.  shortest, longest: millimetres.  apart, farther: millimetres between small ones, and
+    how much farther the largest are from others.  least: size of the smallest, 0 to 1.  chance: the
+    least factor of the distance, and how much larger it may be.  broad, deep: factors of how broad
+    and how deep they are.  winding: how far they wind about their direction, radians, and over
+    which lengths, millimetres.
+    """
+
+    leading: Values
+    turn: Values
+    number: int = 0
+    seeds: float = 2.4
+    shortest: float = SHORTEST
+    longest: float = LONGEST
+    apart: float = 2.6
+    farther: float = 3.4
+    least: float = 0.12
+    chance: tuple[float, float] = (0.65, 0.9)
+    broad: float = 1.0
+    deep: float = 1.0
+    winding: tuple[tuple[float, float], ...] = ((0.15, 9.0), (0.2, 2.2), (0.14, 0.8))
+
+
+def _level(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+    return np.zeros(len(triangle), np.float32)
+
+
+PREFERRED = Family(lambda f, *place: f.leading(*place), lambda f, *place: f.turn(*place))
+CROSSING = Family(
+    lambda f, *place: f.crossing(*place),
+    _level,
+    number=1,
+    shortest=12.0,
+    longest=34.0,
+    apart=4.5,
+    farther=2.0,
+    least=0.6,
+    winding=((0.12, 9.0), (0.14, 2.2), (0.1, 0.8)),
+)
+RINGS = Family(
+    lambda f, *place: f.rings(*place),
+    _level,
+    number=2,
+    seeds=5.0,
+    shortest=45.0,
+    longest=140.0,
+    apart=19.0,
+    farther=0.0,
+    least=0.5,
+    chance=(0.85, 0.45),
+    broad=1.4,
+    deep=2.3,
+    winding=((0.1, 30.0), (0.08, 6.0), (0.05, 1.5)),
+)
+# By number.
+FAMILIES = (PREFERRED, CROSSING, RINGS)
+# Those that expressions leave behind.
+_FOLDED = (PREFERRED, CROSSING)
+
+
+def leading_any_way(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+    """(N,) how far skin folds so that it has leaders of any family; rings do not count."""
+    found: Factors = np.max([f.leading(fields, triangle, uv) for f in _FOLDED], axis=0)
+    return found
+
+
+def leading_of(
+    number: NDArray[Any], fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]
+) -> Factors:
+    """(N,) how far skin has leaders of families by their numbers (N,)."""
+    rings = RINGS.leading(fields, triangle, uv)
+    return np.where(number == RINGS.number, rings, leading_any_way(fields, triangle, uv))
