@@ -175,7 +175,7 @@ def two_squares(file: Path) -> Path:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ([], "has codes, which have no length of their own: scan.scale"),
+        ([], "has codes, which have no length of their own: --scale, the length"),
         (["--scale", "1", "--resolution", "300"], "resolution"),
         (["--scale", "0.02", "--settings", "furlong.json"], "has no known length"),
         (["--scale", "90", "--strict"], "--strict"),
