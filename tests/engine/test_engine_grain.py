@@ -170,7 +170,7 @@ def test_grain_and_undulation_are_as_patchy_as_pores_say(
     assert factor.max() > MOST_UNDULATION
     if salt == STRENGTH_SALT:
         factor = np.minimum(factor, MOST_UNDULATION)
-    wanted = np.clip(factor * noise, -128 * reference.UNEVEN_STEP, 127 * reference.UNEVEN_STEP)
+    wanted = np.clip(factor * noise, -127 * reference.UNEVEN_STEP, 127 * reference.UNEVEN_STEP)
     there = (sure & (index >= 0)).reshape(noise.shape)
     error = np.abs(noise_of(asset)[::step, ::step] - wanted)[there]
     assert error.max() <= 0.51 * reference.UNEVEN_STEP
@@ -217,7 +217,7 @@ def test_undulation_is_broad_noise_beside_the_grain(device, seed, grain):
     broad, sure, _ = expected(mesh, size=size, seed=seed, octaves=reference.UNDULATION, step=2)
     wanted = share * broad + grain * expected(mesh, seed=seed, step=2)[0]
     step = np.hypot(share, grain) * reference.STEP
-    wanted = np.clip(wanted, -128 * step, 127 * step)  # where codes end
+    wanted = np.clip(wanted, -127 * step, 127 * step)  # where codes end
     error = np.abs(found[::2, ::2] - wanted)
     assert error[sure.reshape(error.shape)].max() <= 0.51 * step
     assert broad.std() > 0.5

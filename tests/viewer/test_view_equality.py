@@ -34,8 +34,8 @@ from viewer.looking import Look
 pytestmark = pytest.mark.browser
 Opened = Callable[..., Look]
 UDIM = 1001
-# In codes of 8 bits: what float32 rounds, and codes of grain below -127.
-CLOSE = 1.0
+# In codes of 8 bits: what float32 rounds.
+CLOSE = 0.01
 READ = """(what) => {
   const view = rhytid.face.view;
   const bytes = new Uint8Array(Float32Array.from(view[what.name](...what.given)).buffer);

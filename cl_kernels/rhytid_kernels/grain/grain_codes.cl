@@ -16,6 +16,9 @@ inline float3 turned(float3 p)
 // those from 1.2 on.
 #define CELLS 2.0f
 
+// Codes end alike on both sides, as those that a shader reads of a texture (R8_SNORM) do.
+#define LAST_CODE 127.0f
+
 // Octaves, each so many times as fine as the one before, and the share of each. Those of the grain
 // are as the waves; those of the undulation are what a scanned cheek has beside its lines. The squares
 // add up to 1.
@@ -98,5 +101,5 @@ __kernel void grain_codes(__global const int *triangles, int none, __global cons
                    octaves(finer * p, finer * texel, UNDULATION_OCTAVES, UNDULATION_FINER,
                            UNDULATION_SHARES, ~(seed * UNDULATION_OCTAVES) - UNDULATION_OCTAVES);
     }
-    codes[i] = convert_char_sat_rte(scale * sum);
+    codes[i] = convert_char_rte(clamp(scale * sum, -LAST_CODE, LAST_CODE));
 }

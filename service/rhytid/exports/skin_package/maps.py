@@ -29,7 +29,7 @@ from rhytid.pipeline.grain import relief
 LAYERS = ("pores", "wrinkle_tilts", "grain", EVENT_LAYER)
 # The layer that is stored as sets of its samples.
 WRINKLES = "wrinkles"
-LEAST_CODE = -127
+LAST_CODE = 127
 Codes = NDArray[np.integer]
 
 
@@ -80,7 +80,7 @@ class SkinMaps:
     @property
     def scale(self) -> float:
         """The largest displacement that is possible, mesh units."""
-        events = -LEAST_CODE * self.bins.steps.get(EVENT_LAYER, (0.0,))[0]
+        events = LAST_CODE * self.bins.steps.get(EVENT_LAYER, (0.0,))[0]
         return self.bins.scale_limit * (1.0 + HEADROOM) * self.bins.depth + events
 
     @property
@@ -111,8 +111,7 @@ class SkinMaps:
             for i, out in enumerate(maps):
                 n, sample = divmod(i, samples)
                 codes = self.engine.tiles.bin_tile(self.asset, address, name, n, sample)
-                # Grain goes down to -128, which R8_SNORM takes for -127.
-                out[y : y + len(codes), x : x + len(codes)] = np.maximum(codes, LEAST_CODE)
+                out[y : y + len(codes), x : x + len(codes)] = codes
                 if name == OWNERS:
                     into.owners.add(codes)
 
