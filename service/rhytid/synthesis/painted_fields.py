@@ -41,6 +41,8 @@ _FOLDED_SWAY = 0.5
 # How much more anisotropy counts where a direction is painted.
 _PAINTED_HOLD = 1.0
 _FACTORS = ("density", "strength", "anisotropy", "scale", "pore_radius")
+# What regions have that is no factor, and mixed as it is.
+_PLAIN = ("turn", "crossed", "rings")
 _MIDDLE = 0.5
 # A point on the border of two UDIMs belongs to that of its triangle: so far it is pulled inwards.
 _PULL = 1e-4
@@ -96,7 +98,7 @@ class PaintedFields(Fields):
         )
         self._regions = [name for name in REGION_MAPS if name in maps]
         masks = () if folds is None else folds.regions
-        self._planes: dict[str, Planes] = {}
+        self._planes: dict[str, Planes | None] = {}
         self._masks = [name for name in masks if REGION_PREFIX + name not in maps]
         used = self._names_of_regions()
         self._some_folded = folds is not None and any(self._skin[n].folded != 1.0 for n in used)
@@ -201,15 +203,13 @@ class PaintedFields(Fields):
         regions that have such."""
         if self._folds is None:
             return super().crossing(triangle, uv)
-        crossed = {name: region.crossed for name, region in self._skin.items()}
         found = self._folds.factor("crossing", triangle, uv)
-        found *= self.of_regions(crossed, triangle, uv)
+        found *= self._region("crossed", triangle, uv)
         return found
 
     def rings(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far skin has rings: of the regions."""
-        rings = {name: region.rings for name, region in self._skin.items()}
-        return self.of_regions(rings, triangle, uv)
+        return self._region("rings", triangle, uv)
 
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians to the left from the level direction. Painted directions, then folds, take the
@@ -281,18 +281,7 @@ class PaintedFields(Fields):
         self, values: Mapping[str, float], triangle: NDArray[Any], uv: NDArray[Any]
     ) -> Factors:
         """Values of the regions, mixed by their masks as factors are."""
-        base = values[self._settings.region]
-        total, mixed = np.zeros(len(triangle), np.float32), np.zeros(len(triangle), np.float32)
-        for region in self._regions:
-            weight = self._maps[region].at(triangle, uv, neutral=NEUTRALS[region])
-            mixed += weight * np.float32(values[region.removeprefix(REGION_PREFIX)])
-            total += weight
-        mixed /= np.maximum(total, 1.0)
-        left = np.maximum(1.0 - total, 0.0)
-        if self._folds is None or not self._masks:
-            return np.asarray(mixed + left * np.float32(base), np.float32)
-        planes = self._folds.mixed({region: values[region] for region in self._masks}, base)
-        return np.asarray(mixed + left * self._folds.at(planes, triangle, uv), np.float32)
+        return self._masked(values, self._mixed(values), triangle, uv)
 
     def events(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the number of events; painted black is none, white is double."""
@@ -345,35 +334,48 @@ class PaintedFields(Fields):
         return factor
 
     def _region(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """A factor (or the turn, degrees) of the regions, mixed by their masks: factors by their
-        logarithms. Painted masks count first, then those of folds; the rest is the region of the
-        settings."""
-        base = _value(self._skin[self._settings.region], name)
+        """A factor (or one of _PLAIN) of the regions, mixed by their masks: factors by their
+        logarithms."""
+        values = {region: _value(self._skin[region], name) for region in self._names_of_regions()}
+        if name not in self._planes:
+            self._planes[name] = self._mixed(values)
         if not self._regions and not self._masks:
             # As an array, so that it is rounded as where a mask of black is painted.
-            return np.repeat(np.asarray(_meant(np.full(1, base, np.float32), name)), len(triangle))
+            base = np.full(1, values[self._settings.region], np.float32)
+            return np.repeat(np.asarray(_meant(base, name)), len(triangle))
+        mixed = self._masked(values, self._planes[name], triangle, uv)
+        return np.asarray(_meant(mixed, name), np.float32)
+
+    def _masked(
+        self,
+        values: Mapping[str, float],
+        planes: Planes | None,
+        triangle: NDArray[Any],
+        uv: NDArray[Any],
+    ) -> Factors:
+        """Values of the regions, mixed: painted masks count first, then those of folds, by the
+        planes that `_mixed` has of these values; the rest is the region of the settings."""
         total, mixed = np.zeros(len(triangle), np.float32), np.zeros(len(triangle), np.float32)
         for region in self._regions:
             weight = self._maps[region].at(triangle, uv, neutral=NEUTRALS[region])
-            skin = self._skin[region.removeprefix(REGION_PREFIX)]
-            mixed += weight * np.float32(_value(skin, name))
+            mixed += weight * np.float32(values[region.removeprefix(REGION_PREFIX)])
             total += weight
         mixed /= np.maximum(total, 1.0)
         left = np.maximum(1.0 - total, 0.0)
-        if self._folds is not None and self._masks:
-            left *= self._folds.at(self._mixed(name, base), triangle, uv)
+        if self._folds is not None and planes is not None:
+            left *= self._folds.at(planes, triangle, uv)
         else:
-            left *= np.float32(base)
+            left *= np.float32(values[self._settings.region])
         mixed += left
-        return np.asarray(_meant(mixed, name), np.float32)
+        return mixed
 
-    def _mixed(self, name: str, base: float) -> Planes:
-        """`_value` mixed by the masks of the folds; `base` where these leave something."""
-        assert self._folds is not None
-        if name not in self._planes:
-            values = {region: _value(self._skin[region], name) for region in self._masks}
-            self._planes[name] = self._folds.mixed(values, base)
-        return self._planes[name]
+    def _mixed(self, values: Mapping[str, float]) -> Planes | None:
+        """Values of regions mixed by the masks of the folds, the region of the settings where these
+        leave something; None where the folds have none."""
+        if self._folds is None or not self._masks:
+            return None
+        masked = {region: values[region] for region in self._masks}
+        return self._folds.mixed(masked, values[self._settings.region])
 
     def _names_of_regions(self) -> list[str]:
         """Of all that some skin may be."""
@@ -408,12 +410,12 @@ def density_of(grey: Shares) -> Shares:
 
 def _value(region: Region, name: str) -> float:
     value = float(getattr(region, name))
-    return value if name == "turn" else float(np.log(value))
+    return value if name in _PLAIN else float(np.log(value))
 
 
 def _meant(value: Any, name: str) -> Any:
     """The inverse of `_value`."""
-    return value if name == "turn" else np.exp(value)
+    return value if name in _PLAIN else np.exp(value)
 
 
 class PaintedDirections:
