@@ -67,13 +67,18 @@ def matches(if_none_match: str | None, tag: str) -> bool:
 
 
 def answer(request: Request, drawing: Drawing, asked: Asked) -> Response:
-    """The encoded displacement, 304 where the client has it, headers alone for HEAD.
+    """The encoded displacement, 304 where the client has it, headers alone for HEAD. Raises what
+    `made_answer` does."""
+    kept = kept_answer(request, drawing, asked)
+    return made_answer(request, drawing, asked) if kept is None else kept
+
+
+def made_answer(request: Request, drawing: Drawing, asked: Asked) -> Response:
+    """The answer where `kept_answer` has none.
 
     Only drawing takes a slot; raises BusyError, and what `RequestMemory.answer` does.
     """
     check_format(asked.format)
-    if (kept := kept_answer(request, drawing, asked)) is not None:
-        return kept
     if request.method == "HEAD" or "if-none-match" in request.headers:
         # Otherwise the key comes with the tile.
         mark = drawing.engine.mark(asked.asset, asked.frame)

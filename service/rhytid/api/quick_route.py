@@ -16,7 +16,7 @@ from starlette.types import Receive, Scope, Send
 from rhytid.api.access import guard
 from rhytid.api.dependencies import drawing_of
 from rhytid.api.encoded_tiles import Asked
-from rhytid.api.encoding import answer, kept_answer
+from rhytid.api.encoding import kept_answer, made_answer
 from rhytid.api.schemas import TileQuery
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.messages import MapQuery
@@ -50,7 +50,7 @@ async def _answered(request: Request, place: TileAddress, query: dict[str, str])
     asked = Asked(query["format"], path["asset"], path["frame"], wanted, place)
     if (kept := kept_answer(request, drawing, asked)) is not None:
         return kept
-    return await run_in_threadpool(answer, request, drawing, asked)
+    return await run_in_threadpool(made_answer, request, drawing, asked)
 
 
 def _address(request: Request) -> TileAddress | None:
