@@ -100,7 +100,7 @@ def read_grey_png(data: bytes, name: str) -> NDArray[np.unsignedinteger]:
     above MOST_SIDE texels per side. Codes are taken as they are, whatever the gamma and colour
     profile.
     """
-    bits = _check_header(data, name)
+    bits = _checked_layout(data, name).bits
     with _naming(name):
         _open(data).verify()  # every chunk and its checksum, to the end
         image = _open(data)
@@ -114,8 +114,7 @@ def read_grey_png(data: bytes, name: str) -> NDArray[np.unsignedinteger]:
 
 def read_sides(data: bytes, name: str) -> tuple[int, int]:
     """Width and height of a PNG by its header; raises as `read_grey_png` does."""
-    _check_header(data, name)
-    found = read_layout(data, name)
+    found = _checked_layout(data, name)
     return found.width, found.height
 
 
@@ -142,8 +141,8 @@ def read_layout(data: bytes, name: str) -> PngLayout:
     return PngLayout(width, height, bits, kind)
 
 
-def _check_header(data: bytes, name: str) -> int:
-    """Bits of a texel."""
+def _checked_layout(data: bytes, name: str) -> PngLayout:
+    """The header of a grey PNG that is not too large."""
     found = read_layout(data, name)
     bits, kind = found.bits, found.kind
     if kind != 0:
@@ -151,7 +150,7 @@ def _check_header(data: bytes, name: str) -> int:
     if bits not in (8, 16):
         raise InputError(f"{name} has {bits} bits per texel: must be 8 or 16")
     check_sides(name, found.width, found.height)
-    return bits
+    return found
 
 
 def _open(data: bytes) -> Image.Image:
