@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rhytid.domain.resampling import resampled
+from rhytid.domain.scan import resampled
 
 NOISE = np.random.default_rng(0).normal(0, 1, (48, 60)).astype(np.float32)
 

@@ -20,6 +20,7 @@ from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.tiles import busiest_udim, mesh_udims, triangles_inside, udim_origin
+from rhytid.domain.uv_layout import mean_uv_length
 from rhytid.domain.wording import plural
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
@@ -114,15 +115,7 @@ def _wholes(
 def _whole(asset: DeviceAsset, mesh: Mesh, udim: int) -> WholeMap:
     level = asset.mesh.settings.grid.levels - WHOLE.bit_length()
     heights = asset.drawing.to_host(NEUTRAL_FRAME, _NEUTRAL, udim, level, 0, 0, WHOLE)
-    inside = triangles_inside(mesh, udim)
-    area = _area(mesh.positions[mesh.faces[inside]].astype(np.float64))
-    area_uv = _area(np.pad(mesh.triangle_uv()[inside], ((0, 0), (0, 0), (0, 1))))
-    return WholeMap(udim, heights, float(np.sqrt(area / area_uv)))
-
-
-def _area(corners: NDArray[np.float64]) -> float:
-    a, b, c = np.moveaxis(corners, 1, 0)
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+    return WholeMap(udim, heights, mean_uv_length(mesh, udim))
 
 
 def _patches(asset: DeviceAsset, mesh: Mesh, near: Spots, progress: Progress) -> list[Patch]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.tiles import triangles_inside
 from rhytid.domain.warnings import TEXEL_PLACE, TEXEL_RATIO, TEXEL_TAIL
 
 # Points per side of a grid; 1 % of a UDIM is 2,600 of them.
@@ -136,6 +137,20 @@ def texel_extremes(side: FloatArray, area: FloatArray) -> NDArray[np.intp]:
     tails = np.array([TEXEL_TAIL, 0.5, 1.0 - TEXEL_TAIL])
     found: NDArray[np.intp] = order[np.searchsorted(shares, tails * shares[-1])]
     return found
+
+
+def mean_uv_length(mesh: Mesh, udim: int) -> float:
+    """Mesh units that a step of 1 in UV is long in a UDIM: the root of its area in space over that
+    in UV."""
+    inside = triangles_inside(mesh, udim)
+    area = _area(mesh.positions[mesh.faces[inside]].astype(np.float64))
+    area_uv = _area(np.pad(mesh.triangle_uv()[inside], ((0, 0), (0, 0), (0, 1))))
+    return float(np.sqrt(area / area_uv))
+
+
+def _area(corners: FloatArray) -> float:
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
 def usual_uv_length(mesh: Mesh) -> float:
