@@ -22,10 +22,9 @@ from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.scan_options import (
     SCAN_FILES,
     add_scan_settings,
-    read_scan_files,
+    checked_scan,
     refuse_without_scan,
     scan_file,
-    scan_settings,
 )
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.support.console import check_suffix, counted, make_place, report, table, working
@@ -108,15 +107,9 @@ def _scan(
     arguments: argparse.Namespace, check: MeshCheck, warnings: RunWarnings
 ) -> ScanCheck | None:
     """Read and check the displacement that is given, and add its warnings."""
-    from rhytid.meshes.scan_check import ScanCheck
-
     if not arguments.scan:
         return None
-    scan = read_scan_files(arguments, arguments.scan, check.mesh, check.unit)
-    found = ScanCheck(scan, check.mesh, check.unit, scan_settings(arguments))
-    with working("measuring the scan"):
-        warnings.add(found.warnings())
-    return found
+    return checked_scan(arguments, arguments.scan, check.mesh, check.unit, warnings)
 
 
 def _frames(

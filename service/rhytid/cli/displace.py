@@ -18,9 +18,8 @@ from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.scan_options import (
     SCAN_FILES,
     add_scan_settings,
-    read_scan_files,
+    checked_scan,
     scan_file,
-    scan_settings,
 )
 from rhytid.errors import InputError
 from rhytid.support.console import make_place, report, working
@@ -70,7 +69,6 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.baking.map_sources import Geometry
     from rhytid.baking.run_warnings import RunWarnings
     from rhytid.exports.displaced import levels_for
-    from rhytid.meshes.scan_check import ScanCheck
 
     out: Path = arguments.out
     format = out.suffix.lower().removeprefix(".")
@@ -82,10 +80,7 @@ def run(arguments: argparse.Namespace) -> None:
     with RunWarnings("displace", arguments.strict, arguments.allow) as warnings:
         warnings.notes(read.notes)
         geometry = Geometry(mesh, format, levels)
-        scan = read_scan_files(arguments, arguments.maps, mesh, unit)
-        with working("measuring the scan"):
-            check = ScanCheck(scan, mesh, unit, scan_settings(arguments))
-            warnings.add(check.warnings())
+        scan = checked_scan(arguments, arguments.maps, mesh, unit, warnings).scan
         warnings.refuse()
         make_place(out)
         with working(f"writing {out.name}"):

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING
 from rhytid.cli.options import Arguments, existing, unit_name
 from rhytid.domain.scan import AUTO, FLIPS, ScanSettings
 from rhytid.errors import InputError
+from rhytid.support.console import working
 
 if TYPE_CHECKING:
+    from rhytid.baking.run_warnings import RunWarnings
     from rhytid.domain.mesh import Mesh
-    from rhytid.domain.scan import Scan
+    from rhytid.meshes.scan_check import ScanCheck
 
 SCAN_FILES = (
     "displacement along the normal, EXR, PNG, TIFF or JPEG: one file for each UDIM, as "
@@ -90,22 +92,30 @@ def refuse_without_scan(arguments: argparse.Namespace) -> None:
             arguments.usage_error(f"{option} says how to read displacement: give --scan, too")
 
 
-def scan_settings(arguments: argparse.Namespace) -> ScanSettings:
-    """What the options say; raises SettingsError naming the option."""
+def checked_scan(
+    arguments: argparse.Namespace,
+    files: list[Path],
+    mesh: Mesh,
+    unit: str,
+    warnings: RunWarnings,
+) -> ScanCheck:
+    """The maps in `files` with what the options say of them, measured on their mesh; what is
+    probably wrong is added to `warnings`.
+
+    unit: of the mesh. Raises InputError and SettingsError naming the file or the option.
+    """
+    from rhytid.baking.input_files import scan_files
+    from rhytid.meshes.scan_check import ScanCheck
+
     scales = None if arguments.scale is None else tuple(arguments.scale)
     with _options_named():
-        return ScanSettings(scales, arguments.midlevel, arguments.scan_unit, arguments.flip)
-
-
-def read_scan_files(
-    arguments: argparse.Namespace, files: list[Path], mesh: Mesh, unit: str
-) -> Scan:
-    """The maps in `files`, with what the options say of them.  unit: of the mesh."""
-    from rhytid.baking.input_files import scan_files
-
-    settings = scan_settings(arguments)
-    with _options_named():
-        return scan_files(files, mesh, settings, unit, partial=arguments.partial)
+        level, of_scan = arguments.midlevel, arguments.scan_unit
+        settings = ScanSettings(scales, level, of_scan, arguments.flip)
+        scan = scan_files(files, mesh, settings, unit, partial=arguments.partial)
+    found = ScanCheck(scan, mesh, unit, settings)
+    with working("measuring the scan"):
+        warnings.add(found.warnings())
+    return found
 
 
 @contextmanager

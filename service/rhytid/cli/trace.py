@@ -29,9 +29,8 @@ from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.scan_options import (
     SCAN_FILES,
     add_scan_settings,
-    read_scan_files,
+    checked_scan,
     scan_file,
-    scan_settings,
 )
 from rhytid.cli.skin_options import add_settings, given_settings
 from rhytid.domain.asset_settings import AssetSettings
@@ -123,24 +122,20 @@ def _read(arguments: argparse.Namespace, warnings: RunWarnings) -> _Scan:
     """Read and check everything. Raises InputError, MeshError and SettingsError; opens no
     device."""
     from rhytid.baking.input_files import mesh_file
-    from rhytid.meshes.scan_check import ScanCheck
 
     given = given_settings(arguments)
     arguments.unit = arguments.unit or given.get("unit")
     asked = arguments.resolution or given.get("resolution")
-    if asked is not None:
-        AssetSettings.parse({**given, "resolution": asked})
+    AssetSettings.parse({**given, "resolution": asked or _USUAL})
     read = mesh_file(arguments.mesh, prim_clip(arguments.prim))
     mesh, unit = read.mesh, length_unit(arguments, read)
     warnings.notes(read.notes)
-    scan = read_scan_files(arguments, arguments.maps, mesh, unit)
+    check = checked_scan(arguments, arguments.maps, mesh, unit, warnings)
+    scan = check.scan
     given |= {"unit": unit, "resolution": asked or _resolution(scan)}
     settings = AssetSettings.parse(given)
     spacing = settings.graph.spacing or usual_spacing(unit)
     warnings.inputs(mesh, arguments.mesh.name, unit, settings.resolution)
-    with working("measuring the scan"):
-        check = ScanCheck(scan, mesh, unit, scan_settings(arguments))
-        warnings.add(check.warnings())
     warnings.refuse()
     with working("resampling the scan"):
         reliefs = {udim: scan.relief(udim, settings.resolution) for udim in scan.maps}
@@ -188,7 +183,6 @@ def _traced(device: Device, scan: _Scan) -> _Found:
     from rhytid.tracing.measure import depth_of, fine_part
     from rhytid.tracing.trace import TraceSettings, charted, trace
 
-    fine = {}
     with working("measuring the relief"):
         inside = {u: charted(device, scan.mesh, u, scan.settings) for u in scan.reliefs}
         fine = {u: fine_part(relief, inside[u]) for u, relief in scan.reliefs.items()}
@@ -269,26 +263,15 @@ def _for_bake(scan: _Scan) -> dict[str, Any]:
 
 def _draw(file: Path, scan: _Scan, found: _Found) -> None:
     """Draw the picture of the UDIM with the largest charts."""
+    from rhytid.domain.uv_layout import mean_uv_length
     from rhytid.pictures.traced import traced_picture
 
     udim = max(found.inside, key=lambda u: (int(found.inside[u].sum()), -u))
     relief, residual = scan.reliefs[udim], found.trace.residual[udim]
     caption = f"UDIM {udim}. Above all of it, below a part where most lines are."
-    texel = _texel(scan.mesh, udim, scan.settings.resolution)
+    texel = mean_uv_length(scan.mesh, udim) / scan.settings.resolution
     picture = traced_picture(relief, residual, found.inside[udim], texel, caption)
     picture.save(file, format="png")
-
-
-def _texel(mesh: Mesh, udim: int, resolution: int) -> float:
-    """The usual side of a texel of a UDIM on the surface, mesh units."""
-    from rhytid.domain.tiles import triangles_inside
-
-    here = triangles_inside(mesh, udim)
-    a, b, c = np.moveaxis(mesh.positions[mesh.faces[here]].astype(np.float64), 1, 0)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
-    p, q, r = np.moveaxis(mesh.triangle_uv()[here].astype(np.float64), 1, 0)
-    (x, y), (z, w) = (q - p).T, (r - p).T
-    return float(np.sqrt(area / np.abs(x * w - y * z).sum()) / resolution)
 
 
 def _text(arguments: argparse.Namespace, figures: dict[str, Any]) -> str:
