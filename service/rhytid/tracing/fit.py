@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from rhytid.device.runtime import Device
@@ -29,6 +28,7 @@ from rhytid.tracing.elements import (
     changed_pores,
     graph_arrays,
 )
+from rhytid.tracing.measure import BROAD, mean_around, rms
 from rhytid.tracing.ridges import Floats
 
 STEPS = 10
@@ -38,9 +38,8 @@ _TAKEN = 0.4
 _HELD_WEIGHT, _HELD_SIZE = 0.25, 0.06
 # The most that a step changes: of weights in shares of them and beside, of logarithms of sizes.
 _MOST_SHARE, _MOST_WEIGHT, _MOST_SIZE = 0.5, 0.03, 0.15
-# Texels of the mean that is taken off what is left, and off what is drawn to have its narrow
-# valleys.
-_BROAD, _CUSHIONS = 33, 9
+# Texels of the mean that is taken off what is drawn to have its narrow valleys.
+_CUSHIONS = 9
 # Texels around a wrinkle of a tile that its layers reach at most.
 _TILE, _AROUND = 1024, 64
 # Weights below are no lines or pores.
@@ -78,7 +77,7 @@ def fitted(
         progress(step / (steps + 1), "fit")
         drawn = drawn_neutral(device, neutral_graph(lines, pores, settings), settings, 1001)
         apart = np.where(inside, scan - drawn, np.float32(0.0))
-        left.append(float(np.sqrt(np.mean(apart.astype(np.float64)[inside] ** 2))))
+        left.append(rms(apart, inside))
         if left[-1] <= min(left):
             best = lines, pores
         if step == steps:
@@ -124,16 +123,9 @@ def _maps(
     """What is left without its broad part, and how deep narrow valleys are drawn, in depths."""
     assert settings.depth is not None
     per_depth = np.float32(1.0 / settings.depth)
-    left = (apart - _broad(apart, _BROAD)) * per_depth
-    narrow = drawn if settings.shape.cushion == 0.0 else drawn - _broad(drawn, _CUSHIONS)
+    left = (apart - mean_around(apart, BROAD)) * per_depth
+    narrow = drawn if settings.shape.cushion == 0.0 else drawn - mean_around(drawn, _CUSHIONS)
     return left, np.maximum(-narrow, np.float32(0.0)) * per_depth
-
-
-def _broad(values: NDArray[np.float32], side: int) -> NDArray[np.float32]:
-    """The mean around each texel, of a nearly Gaussian weight."""
-    once = scipy.ndimage.uniform_filter(values, side, mode="nearest")
-    found: NDArray[np.float32] = scipy.ndimage.uniform_filter(once, side, mode="nearest")
-    return found
 
 
 def _stepped(

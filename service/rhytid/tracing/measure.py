@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 Relief = NDArray[np.float32]
 Inside = NDArray[np.bool_]
-# Texels of a side of the mean that the fine part is without, taken twice.
-_BROAD = 33
+# Texels of a side of the mean that the fine part is without.
+BROAD = 33
 # The share of the texels of charts that lie less deep than a line of weight 1.
 _DEEPEST = 0.999
 
 
 def fine_part(relief: Relief, inside: Inside) -> Relief:
     """The relief (H, W) less its mean around each texel, over what is inside (H, W); 0 outside."""
-    shares = _around(inside.astype(np.float32))
-    sums = _around(np.where(inside, relief, np.float32(0.0)))
+    shares = mean_around(inside.astype(np.float32), BROAD, "constant")
+    sums = mean_around(np.where(inside, relief, np.float32(0.0)), BROAD, "constant")
     broad = sums / np.maximum(shares, np.float32(1e-6))
     fine: Relief = np.where(inside, relief - broad, np.float32(0.0))
     return fine
@@ -39,8 +39,11 @@ def rms(values: Relief, inside: Inside) -> float:
     return float(np.sqrt(np.mean(chosen**2))) if len(chosen) else 0.0
 
 
-def _around(values: Relief) -> Relief:
-    """The mean around each texel, of a nearly Gaussian weight."""
-    once = scipy.ndimage.uniform_filter(values, _BROAD, mode="constant")
-    found: Relief = scipy.ndimage.uniform_filter(once, _BROAD, mode="constant")
+def mean_around(values: Relief, side: int, beyond: str = "nearest") -> Relief:
+    """The mean around each texel, of a nearly Gaussian weight: that over `side` texels, twice.
+
+    beyond: the border of the map, as SciPy has it.
+    """
+    once = scipy.ndimage.uniform_filter(values, side, mode=beyond)
+    found: Relief = scipy.ndimage.uniform_filter(once, side, mode=beyond)
     return found
