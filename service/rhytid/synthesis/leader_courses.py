@@ -8,7 +8,7 @@ and from how far skin has leaders there. Left and right differ, for their places
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from rhytid.synthesis.pores import scatter_pores
 from rhytid.synthesis.progress import silent
 from rhytid.synthesis.seams.borders import NONE, Borders
 from rhytid.synthesis.seams.charts import side_at, trace
-from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface
+from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface, joined
 
 # Millimetres from one point of a line to the next.
 STEP = 1.0
@@ -85,12 +85,6 @@ class Wishes:
         broad, deep = np.full(len(key), family.broad), np.full(len(key), family.deep)
         return cls(key, size, apart, before, after, least, number, broad, deep)
 
-    @classmethod
-    def joined(cls, parts: Sequence[Wishes]) -> Wishes:
-        """The wishes of all, part after part."""
-        names = [field.name for field in fields(cls)]
-        return cls(*(np.concatenate([getattr(part, n) for part in parts]) for n in names))
-
     @property
     def order(self) -> IntArray:
         """The numbers of the lines: rings first, of each kind the largest."""
@@ -136,8 +130,8 @@ class Courses:
         there, step = (
             np.concatenate([getattr(part, name) for part in parts]) for name in ("there", "step")
         )
-        wishes = Wishes.joined([part.wishes for part in parts])
-        points = Points.joined([part.points for part in parts])
+        wishes = joined([part.wishes for part in parts])
+        points = joined([part.points for part in parts])
         return cls(one.ground, wishes, points, way, there, step, one.length)
 
     @property

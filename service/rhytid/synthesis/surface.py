@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import scipy
@@ -18,10 +18,14 @@ from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
 from rhytid.support import cancellation
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 AnyFloats = TypeVar("AnyFloats", bound=NDArray[Any])
+Rows = TypeVar("Rows", bound="DataclassInstance")
 UDIM_COLUMNS = 10.0
 # Normals around a vertex whose mean is shorter than this say nothing of where it faces.
 _CANCELLED = 1e-3
@@ -52,17 +56,20 @@ class Points:
     def __len__(self) -> int:
         return len(self.triangle)
 
-    @classmethod
-    def joined(cls, parts: Sequence[Points]) -> Points:
-        """The points of all, part after part."""
-        names = [field.name for field in fields(cls)]
-        return cls(*(np.concatenate([getattr(part, n) for part in parts]) for n in names))
-
     def take(self, index: BoolArray | IntArray) -> Points:
         """The points of an index or a mask, in its order."""
-        return Points(
-            self.triangle[index], self.uv[index], self.position[index], self.normal[index]
-        )
+        return taken(self, index)
+
+
+def joined(parts: Sequence[Rows]) -> Rows:
+    """Dataclasses whose fields are arrays with a row for each of their things, as one."""
+    names = [field.name for field in fields(parts[0])]
+    return type(parts[0])(*(np.concatenate([getattr(p, n) for p in parts]) for n in names))
+
+
+def taken(rows: Rows, index: BoolArray | IntArray) -> Rows:
+    """Such a dataclass with the rows of an index or a mask, in its order."""
+    return type(rows)(*(getattr(rows, field.name)[index] for field in fields(rows)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,13 +8,14 @@ bits.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.synthesis.progress import Progress, silent
+from rhytid.synthesis.surface import joined, taken
 from rhytid.synthesis.workspace import Workspace
 
 Floats = NDArray[np.float64]
@@ -63,7 +64,7 @@ class ValleyPoints:
 
     def take(self, rows: NDArray[Any]) -> ValleyPoints:
         """The points of an index or a mask, in its order."""
-        return ValleyPoints(*(getattr(self, field.name)[rows] for field in fields(self)))
+        return taken(self, rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +83,7 @@ class Pits:
 
     def take(self, rows: NDArray[Any]) -> Pits:
         """The pits of an index or a mask, in its order."""
-        return Pits(*(getattr(self, field.name)[rows] for field in fields(self)))
-
-
-Found = TypeVar("Found", ValleyPoints, Pits)
+        return taken(self, rows)
 
 
 @dataclass(frozen=True)
@@ -131,8 +129,8 @@ def find_ridges(
             found.append((_valleys(lines, skin, limits, corner), _pits(pits, skin, limits, corner)))
     nothing = np.zeros((2, 2, 4), np.float32), np.zeros((2, 2), np.bool_), limits, (0, 0)
     found.append((_valleys(*nothing), _pits(*nothing)))
-    points = _joined([valleys for valleys, _ in found])
-    pits_ = _joined([pits for _, pits in found])
+    points = joined([valleys for valleys, _ in found])
+    pits_ = joined([pits for _, pits in found])
     order = np.argsort(points.row * relief.shape[1] + points.column, kind="stable")
     return points.take(order), pits_.take(np.lexsort((pits_.x, pits_.y)))
 
@@ -243,12 +241,6 @@ def _pits(
     curvature = np.stack([smaller, smaller / np.maximum(ratio, 1e-6)], axis=1)
     found = Pits(column.astype(np.float64), row.astype(np.float64), scale, curvature, angle)
     return found.take(kept)
-
-
-def _joined(parts: list[Found]) -> Found:
-    """The points of several tiles."""
-    names = [field.name for field in fields(parts[0])]
-    return type(parts[0])(*(np.concatenate([getattr(p, n) for p in parts]) for n in names))
 
 
 def noise_of(relief: NDArray[np.float32], inside: NDArray[np.bool_]) -> float:
