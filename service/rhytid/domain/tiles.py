@@ -107,6 +107,13 @@ def udim_origin(udim: int) -> tuple[int, int]:
     return (udim - 1001) % 10, (udim - 1001) // 10
 
 
+def udims_at(uv: NDArray[np.floating]) -> NDArray[np.int64]:
+    """(N,) the UDIM that each place (N, 2) lies in, of those with u in [0, 10) and v >= 0."""
+    cell = np.floor(uv).astype(np.int64)
+    found: NDArray[np.int64] = 1001 + cell[:, 0] + 10 * cell[:, 1]
+    return found
+
+
 def mesh_udims(mesh: Mesh) -> tuple[int, ...]:
     """The UDIMs that triangles with area in UV overlap, ascending.
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.mesh import Mesh, add_centre
-from rhytid.domain.tiles import udim_origin
+from rhytid.domain.tiles import udim_origin, udims_at
 from rhytid.errors import InputError, LimitError
 from rhytid.exports.meshes import FlatMesh, flat_mesh, welded
 
@@ -191,9 +191,7 @@ def _udims(uv: FloatArray, faces: IntArray) -> IntArray:
     for corner in range(3):
         at = faces[:, corner]
         place[at] = uv[at] + _INWARDS * (middle - uv[at])
-    cell = np.floor(place).astype(np.int64)
-    found: IntArray = 1001 + cell[:, 0] + 10 * cell[:, 1]
-    return found
+    return udims_at(place)
 
 
 def _normals(positions: NDArray[np.float32], mesh: Mesh) -> FloatArray:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import bilinear
 from rhytid.domain.scan import Codes, Scan, full_range
-from rhytid.domain.tiles import udim_origin
+from rhytid.domain.tiles import udim_origin, udims_at
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -52,7 +52,7 @@ class SurfaceSamples:
         edges = corner[:, 1:] - corner[:, :1]
         uv = corner[:, 0] + x[:, None] * edges[:, 0] + y[:, None] * edges[:, 1]
         across = _across(a[chosen], b[chosen], c[chosen], edges)
-        return cls(used[chosen], uv, udims_of(uv), across)
+        return cls(used[chosen], uv, udims_at(uv), across)
 
     def heights(self, scan: Scan, udim: int) -> tuple[FloatArray, FloatArray]:
         """(K,) heights at the places of a UDIM, mesh units, and (K,) how steep the relief is there:
@@ -76,13 +76,6 @@ def height_at(scan: Scan, udim: int, local: FloatArray) -> FloatArray:
     for values, scale, midlevel in channels:
         total += scale * (bilinear(values, local, _values).astype(np.float64) - midlevel)
     return total
-
-
-def udims_of(uv: FloatArray) -> IntArray:
-    """(N,) the UDIM of each place (N, 2)."""
-    cell = np.floor(uv).astype(np.int64)
-    found: IntArray = 1001 + cell[:, 0] + 10 * cell[:, 1]
-    return found
 
 
 def _values(texels: Codes) -> NDArray[np.float32]:
@@ -158,7 +151,7 @@ class Seams:
         # A hair inside, so that what lies on the border of a UDIM is of its own.
         inside = uv + 1e-6 * self.inward[:, None]
         flat = inside.reshape(-1, 2)
-        udim = udims_of(flat)
+        udim = udims_at(flat)
         found = np.full(len(flat), np.nan)
         for one in scan.maps:
             here = udim == one

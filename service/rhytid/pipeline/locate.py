@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rhytid.device.buffer import Buffer
 from rhytid.device.runtime import Device
 from rhytid.domain.mesh import Mesh, has_area
-from rhytid.domain.tiles import udim_origin
+from rhytid.domain.tiles import udim_origin, udims_at
 from rhytid.pipeline.cells import cells_that_fit, list_by_cell
 from rhytid.pipeline.vectors import VECTOR
 
@@ -100,7 +100,7 @@ def locate_points(
     found = np.full(len(uv), len(mesh.faces), np.int32)
     corner = np.floor(uv).astype(np.int64)
     inside = (corner[:, 0] >= 0) & (corner[:, 0] < 10) & (corner[:, 1] >= 0)
-    udims = np.where(inside, 1001 + corner[:, 0] + 10 * corner[:, 1], 0)
+    udims = np.where(inside, udims_at(uv), 0)
     for udim in np.unique(udims[inside]):
         members = np.flatnonzero(udims == udim)
         local = uv[members] - np.array(udim_origin(int(udim)), np.float32)
