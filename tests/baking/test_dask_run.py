@@ -161,6 +161,7 @@ def test_an_error_of_a_worker_names_it(cluster: Cluster, tmp_path: Path) -> None
         run(cluster, FakeJob(tmp_path, missing=True))
 
 
+@pytest.mark.slow
 def test_a_worker_that_cannot_bake_is_put_aside(cluster: Cluster, tmp_path: Path) -> None:
     both(cluster)
     job = FakeJob(tmp_path, apart=True)

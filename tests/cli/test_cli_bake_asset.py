@@ -15,6 +15,7 @@ from rhytid.formats.exr import read_exr
 SMALL = ("--resolution", "256", "--wrinkles", "400", "--method", "binned")
 
 
+@pytest.mark.slow
 def test_parts_by_a_restored_asset_are_what_one_bake_writes(
     tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
 ) -> None:

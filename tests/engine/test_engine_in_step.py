@@ -32,12 +32,10 @@ from storage.backends import new_folder
 BENT = deform(sheet().positions, 3, 0.15)
 
 
-@pytest.fixture(params=["folder", pytest.param("bucket", marks=pytest.mark.slow)])
-def shared(request: pytest.FixtureRequest, tmp_path: Path) -> str:
-    if request.param == "bucket":
-        found: str = request.getfixturevalue("bucket")
-        return found
-    return str(new_folder(tmp_path))
+@pytest.fixture
+def shared(place: str) -> str:
+    """The shared store of both."""
+    return place
 
 
 @contextmanager

@@ -38,15 +38,6 @@ class NoRegistry:
         return after + 1
 
 
-@pytest.fixture(params=["folder", pytest.param("bucket", marks=pytest.mark.slow)])
-def place(request: pytest.FixtureRequest, tmp_path: Path) -> str:
-    if request.param == "bucket":
-        found: str = request.getfixturevalue("bucket")
-        return found
-    (tmp_path / "shared").mkdir()
-    return str(tmp_path / "shared")
-
-
 @contextmanager
 def replica_of(tmp_path: Path, place: str, name: str) -> Iterator[tuple[ReplicaAssets, Engine]]:
     """The assets of a replica, over an engine in this process; nothing of it is left behind."""

@@ -13,7 +13,6 @@ from uuid import uuid4
 import httpx
 import pytest
 
-KINDS = ("folder", "bucket")
 _RUNS = re.compile(r"Running on (http://127\.0\.0\.1:\d+)")
 # Seconds in which the server has to begin.
 _LONG = 60.0
@@ -41,7 +40,8 @@ def bucket(s3: str, monkeypatch: pytest.MonkeyPatch) -> str:
     return f"s3://{name}/heads/film"
 
 
-@pytest.fixture(params=KINDS)
+# With a bucket they are slow: each asks it some fifty times. Tests of `bucket` meet its answers.
+@pytest.fixture(params=["folder", pytest.param("bucket", marks=pytest.mark.slow)])
 def place(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     """A new place of each kind, as an option names it."""
     if request.param == "bucket":

@@ -83,6 +83,7 @@ def test_what_is_looked_at_is_bounded(device: Device, looks: Looks, kind: str) -
     assert 0 < looks.total < 20_000 * len(graph.edge_weight)
 
 
+@pytest.mark.slow
 def test_elements_are_followed_alike_however_many_at_once(
     device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
