@@ -70,6 +70,7 @@ def job(tmp_path: Path) -> WorkerJob:
         name="face",
         profiles=("float",),
         compression="zip",
+        blood_seconds=0.15,
         geometry=None,
         subdivide=2,
         query=MapQuery(),

@@ -77,7 +77,7 @@ def _baker(
     output = inputs.output(request.out)
     return Baker(
         engine, asset, inputs.mesh, request.query, inputs.frames, output, watch, warnings,
-        inputs.geometry,
+        inputs.geometry, request.lag,
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +24,7 @@ from rhytid.baking.frame_names import FramePlace
 from rhytid.baking.frames import FrameFiles
 from rhytid.baking.map_sources import FrameSurface, Geometry, MapSources, Texels, once
 from rhytid.baking.output import BakeRecord, Output
+from rhytid.baking.request import Lag
 from rhytid.baking.run_warnings import RunWarnings
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.byte_budget import ByteBudget, Hold
@@ -60,6 +61,7 @@ class Baker:
     watch: Stopwatch
     warnings: RunWarnings
     geometry: Geometry | None = None
+    lag: Lag = field(default_factory=Lag)
     written: int = 0
     skipped: int = 0
 
@@ -102,7 +104,7 @@ class Baker:
         """Draw a frame, and have its files written. Each result is a number of files."""
         with self.watch.step("stretch"):
             positions, _ = self._put(place)
-        frame = _Frame(place, self._sources.surface(place.label, positions), record, writers)
+        frame = _Frame(place, self._sources.surface(place, positions), record, writers)
         plans = {udim: self._plan(place, udim) for udim in self.asset.udims}
         surface = self._due_surface(frame, plans)
         due = {udim: self._due_maps(frame, plan) for udim, plan in plans.items()}
@@ -127,7 +129,7 @@ class Baker:
 
     @cached_property
     def _sources(self) -> MapSources:
-        return MapSources(self.engine, self.asset, self.mesh)
+        return MapSources(self.engine, self.asset, self.mesh, self.frames, self.lag)
 
     def _map_bytes(self, due: Sequence[_DueMap]) -> int:
         """Bytes of a map until its files, one after another, are written. Those that are copied
@@ -149,6 +151,7 @@ class Baker:
             file = self.output.file(profile, plan.header.udim, frame.place)
             # A map of the neutral is the same in all frames, what is made of positions is not.
             digest = frame.surface.digest() if profile.posed else ""
+            digest += frame.surface.history() if profile.lagging else ""
             key = f"{plan.key}-{profile.key}{digest}"
             if not self._is_done(frame, file, key):
                 found.append(_DueMap(file, key, profile, frame.source(profile, file, key)))
@@ -180,7 +183,9 @@ class Baker:
         if any(one.profile.drawn and one.source is None for one in due):
             map.heights()
         if any(one.profile.posed and not one.profile.drawn for one in due):
-            frame.surface.ratios()  # which the engine has only while it holds the frame
+            frame.surface.measured()  # which the engine has only while it holds the frame
+        if any(one.profile.lagging for one in due):
+            frame.surface.blood()  # frames are read on this thread alone
         future = frame.writers.submit(partial(self._write_maps, frame, map, due))
         if alone:
             release_after(alone, [future])

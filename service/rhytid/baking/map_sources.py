@@ -12,18 +12,22 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.baking.blood import BloodFlow
+from rhytid.baking.frame_names import FramePlace
+from rhytid.baking.frames import FrameFiles
+from rhytid.baking.request import Lag
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import AssetInfo
 from rhytid.exports.displaced import Subdivided
 from rhytid.exports.meshes import mesh_format
-from rhytid.exports.textures.frame_map import Chart, FrameMap, Padding
+from rhytid.exports.textures.frame_map import Chart, FrameMap, Padding, VertexField
+from rhytid.exports.textures.stretch import corner_weights, vertex_stretch
 from rhytid.exports.textures.tangents import Posed
-from rhytid.exports.textures.writers import corner_weights
 from rhytid.support.atomic_files import atomic_write, write_file
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
-    from rhytid.engine.messages import TilePlan
+    from rhytid.engine.messages import FrameStretch, TilePlan
 
 T = TypeVar("T")
 Texels = NDArray[np.float32]
@@ -50,16 +54,21 @@ def once(make: Callable[[], T]) -> Callable[[], T]:
 class FrameSurface:
     """The surface of one frame; each part is computed when it is first called, once.
 
-    positions: (V, 3).  digest: 16 hex digits that name the positions.  ratios: (F, 2) of stretch.
-    `digest` and `ratios` ask the engine, which must hold the frame.  posed: the mesh in the frame,
-    for normal maps.  weights: stretch as weights of corners. Both are safe from any thread.
+    positions: (V, 3).  digest: 16 hex digits that name the positions.  measured: how it stretches.
+    `digest` and `measured` ask the engine, which must hold the frame.  history, blood: key and
+    values of `BloodFlow`; they read files, on the thread that reads the frames.  posed: the mesh in
+    the frame, for normal maps.  weights: stretch as weights of corners.  stretch: the same as a
+    tensor. These three are safe from any thread.
     """
 
     positions: NDArray[np.float32]
     digest: Callable[[], str]
-    ratios: Callable[[], NDArray[np.float32]]
+    measured: Callable[[], FrameStretch]
+    history: Callable[[], str]
+    blood: Callable[[], VertexField]
     posed: Callable[[], Posed]
     weights: Callable[[], NDArray[np.float64]]
+    stretch: Callable[[], VertexField]
 
 
 class MapSources:
@@ -69,24 +78,31 @@ class MapSources:
     from any thread.
     """
 
-    def __init__(self, engine: Engine, asset: AssetInfo, mesh: Mesh) -> None:
+    def __init__(
+        self, engine: Engine, asset: AssetInfo, mesh: Mesh, frames: FrameFiles, lag: Lag
+    ) -> None:
         self._engine, self._asset, self._mesh = engine, asset, mesh
+        self._flow = once(lambda: BloodFlow(mesh, frames, lag))
         self._depth = float(asset.settings["depth"] or 0.0)
         self._reach = int(asset.settings["padding"])
         charts = {udim: once(partial(self._found_chart, udim)) for udim in asset.udims}
         paddings = {udim: once(partial(self._found_padding, udim)) for udim in asset.udims}
         self._charts, self._paddings = charts, paddings
 
-    def surface(self, frame: str, positions: NDArray[np.float32]) -> FrameSurface:
+    def surface(self, place: FramePlace, positions: NDArray[np.float32]) -> FrameSurface:
         """The surface of a frame that the engine holds.  positions: (V, 3)."""
-        engine, asset, mesh = self._engine, self._asset.id, self._mesh
-        ratios = once(lambda: engine.frames.stretch(asset, frame).ratios)
+        engine, asset, mesh, frame = self._engine, self._asset.id, self._mesh, place.label
+        measured = once(lambda: engine.frames.stretch(asset, frame))
+        posed = once(lambda: Posed.of(mesh, positions))
         return FrameSurface(
             positions,
             once(lambda: engine.frames.digest(asset, frame)[:_DIGITS]),
-            ratios,
-            once(lambda: Posed.of(mesh, positions)),
-            once(lambda: corner_weights(mesh, ratios())),
+            measured,
+            once(lambda: self._flow().key(place)),
+            once(lambda: self._flow().field(place)),
+            posed,
+            once(lambda: corner_weights(mesh, measured().ratios)),
+            once(lambda: vertex_stretch(mesh, posed(), measured().ratios, measured().axes)),
         )
 
     def map(
@@ -102,6 +118,8 @@ class MapSources:
             self._charts[udim],
             surface.posed,
             surface.weights,
+            surface.stretch,
+            surface.blood,
         )
 
     def _found_chart(self, udim: int) -> Chart:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,8 +18,27 @@ if TYPE_CHECKING:
 
 # In place of the address of a Dask scheduler: processes on this machine.
 LOCAL = "local"
+# Seconds of the profile `blood`.
+USUAL_SECONDS = 0.15
 # Frames per task of a job of a render farm.
 CHUNK = 10
+
+
+@dataclass(frozen=True)
+class Lag:
+    """How late blood follows.  seconds: the time constant; 0 for none.  fps: frames a second."""
+
+    seconds: float = USUAL_SECONDS
+    fps: float = 24.0
+
+    @property
+    def frames(self) -> float:
+        """The time constant in frames."""
+        return self.seconds * self.fps
+
+    def kept(self, steps: float) -> float:
+        """The share of x - y that is left after some frames."""
+        return math.exp(-steps / self.frames) if self.frames > 0.0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -61,6 +81,8 @@ class BakeRequest:
     of a Dask scheduler whose workers bake, or LOCAL.  dask_workers: processes of LOCAL; None for as
     many as fit.  chunk: frames per task of `openjd` or `dask`; None for the usual number.
 
+    blood_seconds: time constant of the profile `blood`, at `clip.fps` frames a second.
+
     strict, allow: which warnings are errors on other machines.
     """
 
@@ -86,8 +108,14 @@ class BakeRequest:
     dask: str | None = None
     dask_workers: int | None = None
     chunk: int | None = None
+    blood_seconds: float = USUAL_SECONDS
     strict: bool = False
     allow: Sequence[str] = ()
+
+    @property
+    def lag(self) -> Lag:
+        """How late the profile `blood` follows."""
+        return Lag(self.blood_seconds, self.clip.fps)
 
 
 @dataclass(frozen=True)

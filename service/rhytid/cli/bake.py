@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rhytid.baking.request import CHUNK, LOCAL, BakeRequest
+from rhytid.baking.request import CHUNK, LOCAL, USUAL_SECONDS, BakeRequest
 from rhytid.cli.options import (
     FRAME_FILES,
     Arguments,
@@ -27,6 +27,7 @@ from rhytid.cli.options import (
     frame_range,
     positive,
     readable,
+    seconds,
     service_settings,
 )
 from rhytid.cli.parser import Commands, new_command
@@ -101,6 +102,11 @@ def _add_output(group: Arguments) -> None:
     add("--method", choices=METHODS, default="redraw", help="how to draw")
     add_query(group)
     add_profiles(group)
+    lag = (
+        "seconds after which blood has followed the area of skin by 63 percent, at --fps frames "
+        f"per second; of --profile blood (default: {USUAL_SECONDS})"
+    )
+    add("--blood-time", type=seconds, metavar="S", help=lag)
     geometry = "write each frame as a displaced surface, too: NAME.<FRAME>.glb"
     add("--geometry", choices=("glb", "ply"), help=geometry)
     levels = "how many times --geometry cuts each triangle in four, 0 to 8"
@@ -185,6 +191,7 @@ def _request(arguments: argparse.Namespace) -> BakeRequest:
         dask=arguments.dask,
         dask_workers=arguments.dask_workers,
         chunk=arguments.chunk,
+        blood_seconds=USUAL_SECONDS if arguments.blood_time is None else arguments.blood_time,
         strict=arguments.strict,
         allow=arguments.allow,
     )
@@ -201,6 +208,8 @@ def _refuse_conflicts(arguments: argparse.Namespace) -> None:
         set(arguments.profile or ["float"]) & {"float", "half"}
     ):
         arguments.usage_error("--compression is of the profiles float and half: use one")
+    if arguments.blood_time is not None and "blood" not in arguments.profile:
+        arguments.usage_error("--blood-time is of --profile blood: give that, too")
     if arguments.frames and arguments.frames_list:
         arguments.usage_error("--frames and --frames-list both say which frames: use one")
     if arguments.chunk and arguments.openjd is None and arguments.dask is None:

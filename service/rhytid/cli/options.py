@@ -81,6 +81,17 @@ def rate(text: str) -> float:
     return fps
 
 
+def seconds(text: str) -> float:
+    """A time of 0 to 10 seconds."""
+    try:
+        found = float(text)
+    except ValueError:
+        found = -1.0
+    if not 0.0 <= found <= 10.0:
+        raise argparse.ArgumentTypeError(f"{text!r}: seconds, 0 to 10")
+    return found
+
+
 def unit_name(text: str) -> str:
     """A length unit: a name, or a number and a name as 5.5cm."""
     if millimetres(text) is None:

@@ -1,6 +1,6 @@
-"""OpenEXR files of one channel `Y`, as they are written.
+"""OpenEXR files as they are written: of one channel `Y`, or of several with names.
 
-The name of the channel is not free: Blender reads a lone channel of another name as NaN.
+The name of a lone channel is not free: Blender reads one of another name as NaN.
 
 ZIP, ZIPS and no compression are written here, block by block on all cores, and their deflate is
 that of ISA-L: the bindings of the OpenEXR library know one level of it alone, which takes three to
@@ -26,7 +26,7 @@ from rhytid.support.cores import on_all_cores
 
 Texels = NDArray[np.float32] | NDArray[np.float16]
 Attributes = Mapping[str, str | int | float]
-# Rows `start` to `stop` of a map as (stop - start, width) float32.
+# Rows `start` to `stop` of a map as (stop - start, width) float32; (…, width, C) of C channels.
 Rows = Callable[[int, int], NDArray[np.float32]]
 SIGNATURE = b"\x76\x2f\x31\x01"
 CHANNEL = "Y"
@@ -73,10 +73,15 @@ def exr_body(rows: Rows, side: tuple[int, int], dtype: str, compression: str = "
     raise QueryError(f"compression {compression!r:.40} is unknown")
 
 
-def exr_parts(texels: Texels, attributes: Attributes) -> list[bytes]:
-    """A map (h, w) with attributes as the bytes of a file in ZIP compression, in parts."""
+def exr_parts(
+    texels: Texels, attributes: Attributes, channels: tuple[str, ...] = (CHANNEL,)
+) -> list[bytes]:
+    """A map (h, w), or (h, w, C) of channels with these names, with attributes as the bytes of a
+    file in ZIP compression, in parts."""
     dtype = texels.dtype.name
-    body = _Blocks.of(lambda start, stop: texels[start:stop], texels.shape, dtype, "zip")
+    body = _Blocks.of(
+        lambda start, stop: texels[start:stop], texels.shape[:2], dtype, "zip", channels
+    )
     return body.parts(attributes)
 
 
@@ -116,10 +121,11 @@ class _Blocks:
     blocks: list[bytes]
     minimum: float
     maximum: float
+    channels: tuple[str, ...] = (CHANNEL,)
 
     @classmethod
     def of(cls, rows: Callable[[int, int], Texels], side: tuple[int, ...], dtype: str,
-           compression: str) -> _Blocks:  # fmt: skip
+           compression: str, channels: tuple[str, ...] = (CHANNEL,)) -> _Blocks:  # fmt: skip
         """Compress a map, a strip of rows per core at a time."""
         height, width = side
         lines = _OWN[compression][1]
@@ -129,7 +135,8 @@ class _Blocks:
         def strip(start: int) -> tuple[list[bytes], float, float]:
             found = rows(start, min(start + step, height))
             ends = found.min(), found.max()
-            stored = np.ascontiguousarray(found, np.dtype(dtype).newbyteorder("<"))
+            lines_of = _by_channel(found, channels)
+            stored = np.ascontiguousarray(lines_of, np.dtype(dtype).newbyteorder("<"))
             parts = range(0, len(stored), lines)
             blocks = [_block(stored[at : at + lines], compression) for at in parts]
             low, high = (float(np.asarray(end).astype(dtype)) for end in ends)
@@ -139,11 +146,11 @@ class _Blocks:
         ends = np.array([(low, high) for _, low, high in done])
         blocks = [block for strips, _, _ in done for block in strips]
         low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
-        return cls((height, width), dtype, compression, blocks, low, high)
+        return cls((height, width), dtype, compression, blocks, low, high, channels)
 
     def parts(self, attributes: Attributes) -> list[bytes]:
         """See `Body`."""
-        head = _head(attributes, self.side, self.dtype, self.compression)
+        head = _head(attributes, self.side, self.dtype, self.compression, self.channels)
         lines = _OWN[self.compression][1]
         firsts = range(0, self.side[0], lines)
         sizes = np.array([8 + len(block) for block in self.blocks], np.uint64)
@@ -206,11 +213,28 @@ def _differences(rows: Texels) -> NDArray[np.uint8]:
     return found
 
 
-def _head(attributes: Attributes, side: tuple[int, int], dtype: str, compression: str) -> bytes:
+def _by_channel(rows: Texels, channels: tuple[str, ...]) -> Texels:
+    """Rows (n, w, C) as they are in a file, (n, C w): the channels of a row one after the other, by
+    the alphabet; rows (n, w) as they are."""
+    if rows.ndim == 2:
+        return rows
+    order = np.argsort(channels)
+    found: Texels = rows[..., order].transpose(0, 2, 1).reshape(len(rows), -1)
+    return found
+
+
+def _head(
+    attributes: Attributes,
+    side: tuple[int, int],
+    dtype: str,
+    compression: str,
+    channels: tuple[str, ...],
+) -> bytes:
     """The bytes before the table of blocks."""
     height, width = side
     window = ("box2i", struct.pack("<4i", 0, 0, width - 1, height - 1))
-    channel = CHANNEL.encode() + b"\0" + struct.pack("<iIii", _KINDS[dtype], 0, 1, 1) + b"\0"
+    kind = struct.pack("<iIii", _KINDS[dtype], 0, 1, 1)
+    channel = b"".join(name.encode() + b"\0" + kind for name in sorted(channels)) + b"\0"
     fixed = {
         "channels": ("chlist", channel),
         "compression": ("compression", bytes([_OWN[compression][0]])),

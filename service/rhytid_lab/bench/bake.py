@@ -29,6 +29,7 @@ from rhytid.baking.frame_names import FramePlace
 from rhytid.baking.frames import FrameFiles
 from rhytid.baking.map_sources import Geometry, MapSources, once
 from rhytid.baking.output import Output
+from rhytid.baking.request import Lag
 from rhytid.baking.run_warnings import RunWarnings
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
@@ -107,7 +108,7 @@ class BakeBench:
         self._warnings = RunWarnings("bench", False)
         self._frames = FrameFiles(MeshFile(mesh, frames), [])
         self.asset: AssetInfo = build(engine, NewAsset(mesh, settings), self._warnings)
-        self._sources = MapSources(engine, self.asset, mesh)
+        self._sources = MapSources(engine, self.asset, mesh, self._frames, Lag())
 
     def cost(self, method: str, written: Sequence[str]) -> BakeCost:
         """Measure what files of a frame cost, drawn by a method."""
@@ -186,7 +187,7 @@ class _Maker:
 
         def draw() -> None:
             self.engine.frames.put(asset, label, positions)
-            surface = self.sources.surface(label, positions)
+            surface = self.sources.surface(place, positions)
             for udim in self.asset.udims:
                 plan = self.engine.tiles.plan_map(asset, label, self.query, udim, 0)
                 maps.append(self.sources.map(surface, plan, once(plan.draw)))

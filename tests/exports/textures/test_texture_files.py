@@ -24,11 +24,13 @@ from rhytid.exports.textures.frame_map import (
     Chart,
     FrameMap,
     Padding,
+    VertexField,
     _nearest_inside,
     local_edges,
     texels_inside,
 )
 from rhytid.exports.textures.profiles import PROFILES, profiles_of
+from rhytid.exports.textures.stretch import stretch_map
 from rhytid.exports.textures.tangents import Posed
 from rhytid.formats import exr_encoder
 from rhytid.formats.tile_header import TileHeader
@@ -37,6 +39,7 @@ SIDE, DEPTH, SCALE, PADDED = 128, 0.01, 0.04, 8
 HEADER = TileHeader("cm", "0007", "a1b2", "redraw", "tensor", "nearest", 1002, 0, 0, 0, SCALE)
 MESH = grid_mesh(curved, 4)
 HEIGHTS = np.random.default_rng(3).uniform(-0.03, 0.02, (SIDE, SIDE)).astype(np.float32)
+STRETCH = np.random.default_rng(6).uniform(-0.5, 0.5, (len(MESH.positions), 7))
 WEIGHTS = np.random.default_rng(4).uniform(0, 1, (len(MESH.faces), 3, 2))
 
 
@@ -51,7 +54,8 @@ def frame_map(mesh: Mesh, triangles: NDArray[np.int32]) -> FrameMap:
     padding = Padding.of(mesh, 1001, triangles, PADDED)
     posed = Posed.of(mesh, mesh.positions)
     found = lambda: padding, lambda: chart, lambda: posed, lambda: WEIGHTS
-    return FrameMap(HEADER, DEPTH, lambda: HEIGHTS, *found)
+    stretch, blood = VertexField(STRETCH, mesh.faces), VertexField(STRETCH[:, :1], mesh.faces)
+    return FrameMap(HEADER, DEPTH, lambda: HEIGHTS, *found, lambda: stretch, lambda: blood)
 
 
 def written(name: str, drawn: FrameMap, folder: Path, level: int = 0) -> Texture:
@@ -173,6 +177,33 @@ def test_weights_are_those_of_the_corners(drawn: FrameMap, tmp_path: Path) -> No
     shown = found.texels[..., :2] / 255
     assert ((shown > low - 0.003) & (shown < high + 0.003)).all()
     assert number(found, "scale") == np.log(2)
+
+
+def test_stretch_has_three_signed_channels_by_name(drawn: FrameMap, tmp_path: Path) -> None:
+    found = written("stretch", drawn, tmp_path)
+
+    assert found.channels == ("R", "G", "B")
+    wanted = stretch_map(drawn.chart(), drawn.posed(), drawn.stretch()).astype(np.float16)
+    np.testing.assert_array_equal(found.texels, wanted, strict=True)
+    assert (number(found, "minimum"), number(found, "maximum")) == (wanted.min(), wanted.max())
+    # As a copy for another frame has it, whose bytes are not encoded again.
+    file = next(tmp_path.iterdir())
+    file.write_bytes(b"".join(exr_encoder.renamed(file.read_bytes(), "frame", "000012")))
+    again = read_texture(file)
+    assert again.attributes["frame"] == "000012"
+    np.testing.assert_array_equal(again.texels, wanted)
+
+
+def test_blood_is_in_the_middle_at_rest(drawn: FrameMap, tmp_path: Path) -> None:
+    """And black where the area is half, white where it is double."""
+    late = np.log([[1.0], [0.5], [2.0], [0.25]])
+    shown = []
+    for one in late:
+        field = VertexField(np.repeat(one[None], len(MESH.positions), axis=0), MESH.faces)
+        found = written("blood", replace(drawn, blood=lambda field=field: field), tmp_path)
+        shown.append(np.unique(found.texels).tolist())
+        next(tmp_path.iterdir()).unlink()
+    assert shown == [[32768], [1], [65535], [0]]
 
 
 def test_png_has_its_facts_in_a_file_beside_it(drawn: FrameMap, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from exports.textures.patches import FloatArray, grid_mesh
-from rhytid.exports.textures.writers import FULL, corner_weights
+from rhytid.exports.textures.stretch import FULL, corner_weights
 
 
 def flat(u: FloatArray, v: FloatArray) -> FloatArray:

@@ -24,7 +24,7 @@ from rhytid.baking.input_files import mesh_file
 from rhytid.baking.inputs import BakeInputs
 from rhytid.baking.map_sources import Geometry
 from rhytid.baking.output import Output
-from rhytid.baking.request import BakeRequest
+from rhytid.baking.request import BakeRequest, Lag
 from rhytid.baking.run_warnings import RunWarnings
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.warnings import InputWarning
@@ -63,6 +63,7 @@ class WorkerJob:
     name: str
     profiles: tuple[str, ...]
     compression: str
+    blood_seconds: float
     geometry: str | None
     subdivide: int
     query: MapQuery
@@ -92,6 +93,7 @@ class WorkerJob:
             name=inputs.name,
             profiles=tuple(profile.name for profile in request.profiles),
             compression=request.compression,
+            blood_seconds=request.blood_seconds,
             geometry=request.geometry,
             subdivide=request.subdivide,
             query=baker.query,
@@ -203,6 +205,7 @@ class BakeSession:
             Stopwatch(),
             warnings,
             geometry,
+            Lag(job.blood_seconds, job.clip.fps),
         )
 
 

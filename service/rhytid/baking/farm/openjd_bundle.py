@@ -99,6 +99,8 @@ def _options(request: BakeRequest) -> list[str]:
     words += ["--profile", *(profile.name for profile in request.profiles)]
     words += ["--compression", request.compression]
     words += ["--fps", repr(request.clip.fps)]
+    if any(profile.lagging for profile in request.profiles):
+        words += ["--blood-time", repr(request.blood_seconds)]
     for name, value in (("prim", request.clip.prim), ("clip", request.clip.clip)):
         if value is not None and "{{" in value:
             raise InputError(f"--{name} {value}: a job cannot hold a name with '{{{{'")

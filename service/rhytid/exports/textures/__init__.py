@@ -7,7 +7,8 @@ numpy is imported.
 from __future__ import annotations
 
 PROFILE_NAMES = (
-    "float", "half", "png16", "normal-gl", "normal-dx", "cavity", "weights", "mip", "tx",
+    "float", "half", "png16", "normal-gl", "normal-dx", "cavity", "weights", "stretch", "blood",
+    "mip", "tx",
 )  # fmt: skip
 # Of the profiles float and half; `dwaa` is lossy.
 COMPRESSIONS = ("zip", "zips", "piz", "dwaa", "zstd", "none")

@@ -27,6 +27,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 T = TypeVar("T", bound=np.generic)
 Facts = dict[str, str | int | float]
+Sampled = Callable[[NDArray[np.int32], FloatArray], FloatArray]
 # Texels that are worked on at once: some 40 doubles each.
 TEXELS = 1 << 18
 # Tolerance of a barycentric weight: the device looks up with UV that are rounded to float32.
@@ -45,7 +46,8 @@ class FrameMap:
     header: of the map.  depth: of a furrow of strength 1, mesh units.  heights: (R, R) float32
     displacement, mesh units, row 0 at the top.  padding: of the texels next to islands.  chart: its
     texels on the mesh.  posed: the surface of the frame.  weights: (F, 3, 2) of corners, stretch
-    and compression.
+    and compression.  stretch: log stretch at vertices, as `vertex_stretch` has it.  blood: (1, ) of
+    vertices, as `BloodFlow` has it.
     """
 
     header: TileHeader
@@ -55,6 +57,8 @@ class FrameMap:
     chart: Callable[[], Chart]
     posed: Callable[[], Posed]
     weights: Callable[[], NDArray[np.float64]]
+    stretch: Callable[[], VertexField]
+    blood: Callable[[], VertexField]
 
     def bordered(self) -> NDArray[np.float32]:
         """The displacement; within the padding, texels have that of the nearest texel inside."""
@@ -73,6 +77,20 @@ def attributes(header: TileHeader, facts: Facts, minimum: float, maximum: float)
     """
     ends = {"minimum": float(minimum), "maximum": float(maximum)}
     return {**header.attributes(), **facts, **ends, **_RAW}
+
+
+@dataclass(frozen=True, eq=False)
+class VertexField:
+    """Values (P, K) at the places of a mesh, smooth over seams, and the place (F, 3) of each
+    corner of a triangle."""
+
+    values: FloatArray
+    places: IntArray
+
+    def at(self, found: NDArray[np.int32], share: FloatArray) -> FloatArray:
+        """(N, K) at points with barycentric weights (N, 3) in triangles `found` (N,)."""
+        mean: FloatArray = np.einsum("kc,kcx->kx", share, self.values[self.places[found]])
+        return mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +140,23 @@ class Chart:
         weights = _barycentric(self.triangles, self.uv_edges, rows, where).clip(0.0, None)
         scaled: FloatArray = weights / weights.sum(axis=1, keepdims=True)
         return scaled
+
+    def sampled(self, width: int, value: Sampled) -> NDArray[np.float32]:
+        """(R, R, width) float32 of what `value` gives for triangles (K,) and the weights (K, 3) of
+        points in them.
+
+        Beyond the padding a texel has the value of the nearest one within it, so that coarser
+        levels do not fade towards the borders of islands.
+        """
+        side = len(self.triangles)
+        out = np.zeros((side, side, width), np.float32)
+        rows = max(TEXELS // side, 1)
+        for start in range(0, side, rows):
+            part = slice(start, min(start + rows, side))
+            found = self.triangles[part].reshape(-1)
+            share = self.corner_weights(part, np.ones((part.stop - start, side), np.bool_))
+            out[part] = value(found, share).reshape(-1, side, width)
+        return out
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from rhytid.errors import QueryError
-from rhytid.exports.textures import writers
+from rhytid.exports.textures import stretch, writers
 from rhytid.exports.textures.frame_map import Facts, FrameMap
 from rhytid.exports.textures.writers import image_library
 from rhytid.formats.exr_encoder import renamed as exr_renamed
@@ -28,8 +28,9 @@ class Profile:
     `--compression` is for it.  facts: for readers of the files, the same for all files of an asset.
     described: whether the facts are in a file beside them, too.  drawn: whether it shows
     displacement, and not only the stretch of the frame.  posed: whether it reads the positions of
-    the frame, too.  tiled: whether it needs OpenImageIO.  renamed: a file with another text for one
-    of its attributes; None where there is no quick way.
+    the frame, too.  lagging: whether it reads those of frames before it.  tiled: whether it needs
+    OpenImageIO.  renamed: a file with another text for one of its attributes; None where there is
+    no quick way.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Profile:
     packed: bool = False
     drawn: bool = True
     posed: bool = False
+    lagging: bool = False
     tiled: bool = False
     renamed: Callable[[bytes, str, str], list[bytes]] | None = exr_renamed
 
@@ -101,7 +103,15 @@ _ALL = (
     ),
     Profile(
         "weights", "weights-2", ".png", f"weights.{_FRAME_FIRST}", 3.0, 32,
-        writers.write_weights, writers.weight_facts, drawn=False, posed=True, renamed=png_renamed,
+        stretch.write_weights, stretch.weight_facts, drawn=False, posed=True, renamed=png_renamed,
+    ),
+    Profile(
+        "stretch", "stretch-1", ".exr", f"stretch.{_UDIM_FIRST}", 6.0, 32,
+        stretch.write_stretch, stretch.stretch_facts, described=False, drawn=False, posed=True,
+    ),
+    Profile(
+        "blood", "blood-1", ".png", f"blood.{_UDIM_FIRST}", 2.0, 32,
+        stretch.write_blood, stretch.blood_facts, drawn=False, lagging=True, renamed=png_renamed,
     ),
     Profile(
         "mip", "mip-1", ".exr", f"mip.{_UDIM_FIRST}", _MIPMAPPED, 16,

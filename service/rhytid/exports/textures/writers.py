@@ -20,10 +20,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from rhytid.domain.mesh import Mesh
 from rhytid.domain.wording import install_hint
 from rhytid.errors import InputError, StorageError
-from rhytid.exports.meshes import welded
 from rhytid.exports.textures.frame_map import TEXELS, Chart, Facts, FrameMap, attributes
 from rhytid.exports.textures.tangents import FloatArray, Posed, dot, unit
 from rhytid.formats.exr_encoder import exr_body
@@ -41,8 +39,6 @@ FloatMap = NDArray[np.float32]
 _WHITE, _MIDDLE = 65535, 32768
 # The square around a texel, as a share of the side of a map: some 4 mm on a face that fills it.
 AROUND = 1.0 / 64.0
-# |log ratio| of weight 1: twice or half as long.
-FULL = float(np.log(2.0))
 # Weight of a neighbour outside of the islands: it counts where there is no other.
 _OUTSIDE = 1e-9
 # Texels a side of a tile in the file, as `maketx` has them.
@@ -81,12 +77,6 @@ def cavity_facts(map: FrameMap) -> Facts:
     return {"scale": map.depth, "midlevel": 1.0}
 
 
-def weight_facts(map: FrameMap) -> Facts:
-    """Facts of weights: red is stretch, green compression; |log ratio| of lengths is value times
-    `scale`."""
-    return {"scale": FULL, "midlevel": 0.0, "red": "stretch", "green": "compression"}
-
-
 def write_float(path: Path, map: FrameMap, facts: Facts, compression: str = "zip") -> None:
     """Write OpenEXR of floats, padded next to islands."""
     _write_bordered(path, map, facts, "float32", compression)
@@ -120,8 +110,13 @@ def write_mipmapped(path: Path, map: FrameMap, facts: Facts) -> None:
 
 def write_png16(path: Path, map: FrameMap, facts: Facts) -> None:
     """Write a grey PNG of 16 bits, 0 at code 32768, marked as linear; padded."""
-    heights = map.padded()
-    _png(path, quantise(heights, map.header.scale), map, facts, heights, linear=True)
+    write_signed(path, map.padded(), map.header.scale, map, facts)
+
+
+def write_signed(path: Path, values: FloatMap, scale: float, map: FrameMap, facts: Facts) -> None:
+    """Write values (R, R) within ±scale as a grey PNG of 16 bits, 0 at code 32768, marked as
+    linear."""
+    write_png(path, quantise(values, scale), map, facts, values, linear=True)
 
 
 def write_normals(path: Path, map: FrameMap, facts: Facts) -> None:
@@ -130,30 +125,23 @@ def write_normals(path: Path, map: FrameMap, facts: Facts) -> None:
     if facts["green"] == "down":
         normals[..., 1] *= -1.0
     codes = np.rint((normals * 0.5 + 0.5) * _WHITE).astype(np.uint16)
-    _png(path, codes, map, facts, normals)
+    write_png(path, codes, map, facts, normals)
 
 
 def write_cavity(path: Path, map: FrameMap, facts: Facts) -> None:
     """Write a grey PNG of 8 bits: white is as high as its surroundings or higher, black lower by
     the depth of a furrow of strength 1, or more."""
     values = cavity_map(map.heights(), map.chart(), map.depth)
-    _png(path, _bytes(values), map, facts, values)
+    write_png(path, as_bytes(values), map, facts, values)
 
 
-def write_weights(path: Path, map: FrameMap, facts: Facts) -> None:
-    """Write stretch, compression and 0 as RGB PNG of 8 bits."""
-    values = weight_map(map.chart(), map.weights())
-    codes = np.zeros((*values.shape[:2], 3), np.uint8)
-    codes[..., :2] = _bytes(values)
-    _png(path, codes, map, facts, values)
-
-
-def _bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:
+def as_bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Values from 0 to 1 as codes of 8 bits."""
     codes: NDArray[np.uint8] = np.rint(values * 255.0).astype(np.uint8)
     return codes
 
 
-def _png(
+def write_png(
     path: Path,
     codes: Codes,
     map: FrameMap,
@@ -161,6 +149,7 @@ def _png(
     values: NDArray[Any],
     linear: bool = False,
 ) -> None:
+    """Write codes as PNG with attributes; `minimum` and `maximum` are of the values."""
     ends = values.min(), values.max()
     texts = {name: str(v) for name, v in attributes(map.header, facts, *ends).items()}
     with atomic_write(path) as aside:
@@ -264,41 +253,6 @@ def cavity_map(heights: NDArray[np.float32], chart: Chart, depth: float) -> NDAr
     below = (heights - mean) / np.float32(depth)
     cavity = chart.padded(1.0 + below.clip(-1.0, 0.0))
     return np.where(chart.covered, cavity, np.float32(1.0)).astype(np.float32)
-
-
-def corner_weights(mesh: Mesh, ratios: NDArray[np.float32]) -> FloatArray:
-    """(F, 3, 2) stretch and compression at the corners of triangles, each from 0 to 1.
-
-    ratios: (F, 2) of length in the frame to length in the neutral, along both axes of stretch. A
-    triangle has max(log ratio, 0) and max(-log ratio, 0), the larger of both axes, over FULL; a
-    vertex has the mean of its triangles by their areas in the neutral.
-    """
-    logs = np.log(np.clip(ratios.astype(np.float64), 1e-6, 1e6)) / FULL
-    shares = np.stack([logs.max(axis=1), -logs.min(axis=1)], axis=1).clip(0.0, 1.0)
-    corners = mesh.positions.astype(np.float64)[mesh.faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(cross, axis=1)
-    number = welded(mesh)[mesh.faces].reshape(-1)
-    size = np.maximum(np.bincount(number, np.repeat(area, 3)), 1e-300)
-    mean = [np.bincount(number, np.repeat(area * share, 3)) / size for share in shares.T]
-    return np.stack(mean, axis=1)[number].reshape(-1, 3, 2)
-
-
-def weight_map(chart: Chart, corners: FloatArray) -> NDArray[np.float32]:
-    """(R, R, 2) weights of texels, from those of corners (F, 3, 2).
-
-    Beyond the padding a texel has the weights of the nearest one within it, so that coarser levels
-    do not fade towards the borders of islands.
-    """
-    side = len(chart.triangles)
-    out = np.zeros((side, side, 2), np.float32)
-    rows = max(TEXELS // side, 1)
-    for start in range(0, side, rows):
-        part = slice(start, min(start + rows, side))
-        found = chart.triangles[part].reshape(-1)
-        share = chart.corner_weights(part, np.ones((part.stop - start, side), np.bool_))
-        out[part] = np.einsum("kc,kcx->kx", share, corners[found]).reshape(-1, side, 2)
-    return out
 
 
 def image_library() -> Any:
