@@ -32,7 +32,7 @@ ALLOWED = {
     "tracing": _TOOLS | {"pipeline", "synthesis"},
     "storage": _TOOLS,
     "exports": _FACTS | {"formats", "pipeline"},
-    "engine": _TOOLS | _WORK | {"exports"},
+    "engine": _TOOLS | _WORK | {"exports", "tracing"},
     "processes": _TOOLS | {"engine", "storage"},
     "fleet": _TOOLS | {"api", "engine", "processes", "storage"},
     "api": _TOOLS | {"engine", "exports", "processes", "storage"},

@@ -243,7 +243,7 @@ def _backwards(index: Any, held: Any) -> None:
 
 
 BAD = {
-    "newer": (_set(format=3), "a snapshot of format 3, and this version of rhytid reads 2"),
+    "newer": (_set(format=4), "a snapshot of format 4, and this version of rhytid reads 3"),
     "older": (_set(format=1), "holds more than format 1 has"),
     "names alone": (_without("shapes/shapes.safetensors"), "names one of shapes/"),
     "names": (_put("shapes/names.json", b"{}"), "shapes/"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Hashable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial, wraps
 from typing import Any, TypeVar
 
@@ -175,6 +175,13 @@ class Device:
         finally:
             self._of_thread.steps = steps
             self._note_memory()
+
+    @contextmanager
+    def task_or_steps(self) -> Iterator[None]:
+        """As `task`; where this thread uses the device in steps it goes on to do so in the
+        block."""
+        with nullcontext() if self.steps is not None else self.task():
+            yield
 
     def _note_memory(self) -> None:
         self.figures.set(self.budget.limit, "limit")

@@ -21,6 +21,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.notices import Notice
 from rhytid.domain.painted_maps import Controls, Stiffness
+from rhytid.domain.residual import Residual, ScanRelief
 from rhytid.domain.tiles import TileAddress, TileGrid
 from rhytid.domain.warnings import InputWarning
 from rhytid.errors import NotFoundError, QueryError
@@ -57,7 +58,8 @@ class NewAsset:
     unless `force`.  stiffness: None: 1 everywhere.  frames: (N, V, 3) float32, stored as frames
     0001, 0002, … once the asset exists; less the centre of the mesh, as positions are throughout
     the engine.  shapes: expressions that lines grow by, unless `graph.lines` of the settings says
-    otherwise; without a graph only.
+    otherwise; without a graph only.  residual: of a traced graph.  scan: traced to a graph and a
+    residual, in place of both.  noted: warnings of the scan.
     """
 
     mesh: Mesh
@@ -68,6 +70,9 @@ class NewAsset:
     controls: Controls | None = None
     force: bool = False
     shapes: Expressions | None = None
+    residual: Residual | None = None
+    scan: ScanRelief | None = None
+    noted: tuple[InputWarning, ...] = ()
 
 
 @dataclass(frozen=True)

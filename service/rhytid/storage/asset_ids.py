@@ -14,6 +14,7 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Controls, Stiffness
+from rhytid.domain.residual import Residual, ScanRelief
 from rhytid.storage.canonical import canonical
 
 # Part of every id: raise it when the same input shall build another asset.
@@ -47,6 +48,8 @@ def asset_id(
     stiffness: Stiffness | None = None,
     controls: Controls | None = None,
     expressions: Expressions | None = None,
+    residual: Residual | None = None,
+    scan: ScanRelief | None = None,
 ) -> str:
     """The id of the asset that is built from this content: 16 hex digits of a SHA-256 over it.
 
@@ -65,6 +68,10 @@ def asset_id(
         _add_arrays(digest, "controls", controls.arrays())
     if expressions is not None:
         digest.update(canonical(["expressions", expressions.digest().hex()]))
+    if residual is not None:
+        _add_arrays(digest, "residual", residual.arrays())
+    if scan is not None:
+        _add_arrays(digest, "scan", scan.arrays())
     return digest.hexdigest()[:16]
 
 

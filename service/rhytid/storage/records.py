@@ -18,6 +18,7 @@ from rhytid.domain.expressions import Expressions, Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Controls, Stiffness
+from rhytid.domain.residual import Residual, ScanRelief
 from rhytid.domain.warnings import InputWarning
 from rhytid.errors import InputError, LimitError, StoreFormatError
 from rhytid.formats.graphs import read_graph, write_graph
@@ -32,6 +33,7 @@ Files = Mapping[str, bytes]
 MESH, GRAPH, FACTS = "mesh.safetensors", "graph.safetensors", "facts.json"
 STIFFNESS, CONTROLS = "stiffness.safetensors", "controls.safetensors"
 FOLDS = "folds.safetensors"
+RESIDUAL, SCAN = "residual.safetensors", "scan.safetensors"
 # A fact of assets that have had an overlay from the start; older ones have one once they change.
 OVERLAID = "overlaid"
 SHAPE_ARRAYS, SHAPE_NAMES = "shapes.safetensors", "names.json"
@@ -42,7 +44,7 @@ class StoredRequest:
     """The content that a caller sent for an asset.
 
     graph: None: one is to be synthesised, guided by `controls` and `folds`, which are computed from
-    the expressions that were sent.
+    the expressions that were sent; or, where there is a `scan`, it is traced.
     """
 
     mesh: Mesh
@@ -51,15 +53,19 @@ class StoredRequest:
     stiffness: Stiffness | None = None
     controls: Controls | None = None
     folds: Folds | None = None
+    residual: Residual | None = None
+    scan: ScanRelief | None = None
 
     def files(self) -> dict[str, bytes]:
         """The files of the request, by name."""
         facts = {"settings": self.settings.as_json()}
-        files = _files(self.mesh, self.graph, facts, self.stiffness)
+        files = _files(self.mesh, self.graph, facts, self.stiffness, self.residual)
         if self.controls is not None:
             files[CONTROLS] = _packed(self.controls.arrays())
         if self.folds is not None:
             files[FOLDS] = _packed(self.folds.arrays())
+        if self.scan is not None:
+            files[SCAN] = _packed(self.scan.arrays())
         return files
 
     @classmethod
@@ -68,11 +74,11 @@ class StoredRequest:
         graph = _decode(files, folder / GRAPH, read_graph) if GRAPH in files else None
         facts = _facts(files, folder)
         mesh = _decode(files, folder / MESH, read_mesh)
-        painted = folder / CONTROLS
-        controls = _decode(files, painted, _of(Controls.of_arrays)) if CONTROLS in files else None
-        folds = _decode(files, folder / FOLDS, _of(Folds.of_arrays)) if FOLDS in files else None
-        settings, stiffness = _settings(facts, folder), _stiffness(files, folder)
-        return cls(mesh, settings, graph, stiffness, controls, folds)
+        controls = _arrays(files, folder / CONTROLS, Controls.of_arrays)
+        folds = _arrays(files, folder / FOLDS, Folds.of_arrays)
+        scan = _arrays(files, folder / SCAN, ScanRelief.of_arrays)
+        settings, (stiffness, residual) = _settings(facts, folder), _drawn(files, folder)
+        return cls(mesh, settings, graph, stiffness, controls, folds, residual, scan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +90,12 @@ class StoredAsset:
     settings: AssetSettings
     extra: dict[str, Any]
     stiffness: Stiffness | None = None
+    residual: Residual | None = None
 
     def files(self) -> dict[str, bytes]:
         """The files of the asset, by name."""
         facts = {"settings": self.settings.as_json(), "extra": self.extra, OVERLAID: True}
-        return _files(self.mesh, self.graph, facts, self.stiffness)
+        return _files(self.mesh, self.graph, facts, self.stiffness, self.residual)
 
     @classmethod
     def read(cls, files: Files, folder: Path) -> StoredAsset:
@@ -96,8 +103,8 @@ class StoredAsset:
         mesh = _decode(files, folder / MESH, read_mesh)
         graph = _decode(files, folder / GRAPH, read_graph)
         facts = _facts(files, folder)
-        settings, stiffness = _settings(facts, folder), _stiffness(files, folder)
-        return cls(mesh, graph, settings, facts["extra"], stiffness)
+        settings, (stiffness, residual) = _settings(facts, folder), _drawn(files, folder)
+        return cls(mesh, graph, settings, facts["extra"], stiffness, residual)
 
 
 def write_mesh(mesh: Mesh) -> bytes:
@@ -135,19 +142,26 @@ def _files(
     graph: WrinkleGraph | None,
     facts: dict[str, Any],
     stiffness: Stiffness | None,
+    residual: Residual | None,
 ) -> dict[str, bytes]:
     files = {FACTS: canonical(facts), MESH: write_mesh(mesh)}
     if graph is not None:
         files[GRAPH] = write_graph(graph)
     if stiffness is not None:
         files[STIFFNESS] = _packed(stiffness.arrays())
+    if residual is not None:
+        files[RESIDUAL] = _packed(residual.arrays())
     return files
 
 
-def _stiffness(files: Files, folder: Path) -> Stiffness | None:
-    if STIFFNESS not in files:
-        return None
-    return _decode(files, folder / STIFFNESS, _of(Stiffness.of_arrays))
+def _drawn(files: Files, folder: Path) -> tuple[Stiffness | None, Residual | None]:
+    stiffness = _arrays(files, folder / STIFFNESS, Stiffness.of_arrays)
+    return stiffness, _arrays(files, folder / RESIDUAL, Residual.of_arrays)
+
+
+def _arrays(files: Files, path: Path, parse: Callable[[dict[str, NDArray[Any]]], T]) -> T | None:
+    """What `parse` makes of the arrays of a file; None where it is not among the files."""
+    return _decode(files, path, _of(parse)) if path.name in files else None
 
 
 def _packed(arrays: Mapping[str, NDArray[Any]]) -> bytes:

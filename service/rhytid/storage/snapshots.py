@@ -22,12 +22,20 @@ from rhytid.errors import SnapshotError, StorageError
 from rhytid.storage.canonical import damaged, hashed, parse_hashed
 from rhytid.storage.homes import ASSET, ID, OVERLAY, SHAPES
 from rhytid.storage.manifest import StoredFile, seal
-from rhytid.storage.records import FACTS, GRAPH, MESH, SHAPE_ARRAYS, SHAPE_NAMES, STIFFNESS
+from rhytid.storage.records import (
+    FACTS,
+    GRAPH,
+    MESH,
+    RESIDUAL,
+    SHAPE_ARRAYS,
+    SHAPE_NAMES,
+    STIFFNESS,
+)
 from rhytid.support.atomic_files import storage_errors, sync_folder, write_pieces
 
-# Raise it when an older version could not read a new snapshot rightly. Format 2 has named shapes; a
-# snapshot without any is of format 1, so that versions that do not know shapes read it.
-FORMAT = 2
+# Raise it when an older version could not read a new snapshot rightly. Format 2 has named shapes,
+# format 3 a residual; what has neither is of format 1, so that versions that know none read it.
+FORMAT = 3
 INDEX = "snapshot.json"
 LONGEST_INDEX = 1 << 16
 BLOCK = 512
@@ -35,7 +43,8 @@ BLOCK = 512
 END = bytes(2 * BLOCK)
 NEEDED = (*(f"{ASSET}/{name}" for name in (FACTS, GRAPH, MESH)), OVERLAY)
 NAMED_SHAPES = tuple(f"{SHAPES}/{name}" for name in (SHAPE_ARRAYS, SHAPE_NAMES))
-ALLOWED = {*NEEDED, f"{ASSET}/{STIFFNESS}", *NAMED_SHAPES}
+_OF_SCAN = f"{ASSET}/{RESIDUAL}"
+ALLOWED = {*NEEDED, f"{ASSET}/{STIFFNESS}", _OF_SCAN, *NAMED_SHAPES}
 _SHA256 = re.compile(r"[0-9a-f]{64}", re.ASCII)
 _KIND = "rhytid snapshot"
 _FOREIGN = "this is no snapshot of rhytid"
@@ -237,7 +246,7 @@ class SnapshotIndex:
     def encode(self) -> bytes:
         """The text of `snapshot.json`."""
         files = [{"name": name, **file.as_json()} for name, file in self.files.items()]
-        named = FORMAT if self.has_shapes else 1
+        named = FORMAT if _OF_SCAN in self.files else 2 if self.has_shapes else 1
         return hashed({"kind": _KIND, "format": named, "asset": self.asset, "files": files})
 
     @classmethod

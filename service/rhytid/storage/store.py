@@ -29,6 +29,7 @@ from rhytid.domain.expressions import Expressions, Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Controls, Stiffness
+from rhytid.domain.residual import Residual, ScanRelief
 from rhytid.errors import NotFoundError, StorageError
 from rhytid.storage.asset_snapshots import AssetSnapshots
 from rhytid.storage.folders import PACKAGES, StoreFolders
@@ -123,12 +124,16 @@ class AssetStore:
         stiffness: Stiffness | None = None,
         controls: Controls | None = None,
         folds: Folds | None = None,
+        residual: Residual | None = None,
+        scan: ScanRelief | None = None,
     ) -> None:
         """Store what a caller sent until the asset is built. Nothing is changed where the store has
         that id."""
         home = self._folders.home(id)
         if not holds_something(home):
-            request = StoredRequest(mesh, settings, graph, stiffness, controls, folds)
+            request = StoredRequest(
+                mesh, settings, graph, stiffness, controls, folds, residual, scan
+            )
             self._folders.seal(home, REQUEST, request.files())
 
     def request(self, id: str) -> StoredRequest:
@@ -144,6 +149,7 @@ class AssetStore:
         settings: AssetSettings,
         extra: Mapping[str, Any],
         stiffness: Stiffness | None = None,
+        residual: Residual | None = None,
     ) -> None:
         """Store a built asset with an overlay of its settings, and remove its request.
 
@@ -151,7 +157,7 @@ class AssetStore:
         already: it does not change, only `delete` removes it.
         """
         home = self._folders.home(id)
-        asset = StoredAsset(mesh, graph, settings, dict(extra), stiffness)
+        asset = StoredAsset(mesh, graph, settings, dict(extra), stiffness, residual)
         overlay = write_overlay(f"asset {id}", settings)
         if not self._folders.seal(home, ASSET, asset.files(), {OVERLAY: overlay}):
             raise StorageError(f"asset {id} is stored already, and stored assets do not change")

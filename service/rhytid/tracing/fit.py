@@ -16,7 +16,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import CUSHION_THRESHOLD, AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
-from rhytid.pipeline.levels import render_to_host
+from rhytid.pipeline.levels import Draw, render_to_host
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing
 from rhytid.support import cancellation
 from rhytid.synthesis.progress import Progress, silent
@@ -100,14 +100,25 @@ def drawn_neutral(
     of_wrinkles, of_pores = (np.zeros(count, np.int32) for count in (graph.wrinkles, graph.pores))
     wrinkles = wrinkle_arrays(graph, of_wrinkles, settings, udim)
     arrays = wrinkles, pore_arrays(graph, of_pores, settings, udim)
-    with device.task():
+    with device.task_or_steps():
         elements = UdimElements(device, *arrays, settings.bins.count)
         scales = _even_scales(device, elements)
         draw = redrawing(device, elements, settings, scales)
-        found = render_to_host(device, draw, 0, 0, 0, settings.resolution)
+        found = _in_pieces(device, draw, settings.resolution)
         scales.release()
         elements.release()
     cancellation.check()
+    return found
+
+
+def _in_pieces(device: Device, draw: Draw, resolution: int) -> NDArray[np.float32]:
+    """A whole map, drawn piece by piece, so that others may use the device in between."""
+    found, side = np.empty((resolution,) * 2, np.float32), min(resolution, _TILE)
+    for row in range(0, resolution, side):
+        for column in range(0, resolution, side):
+            cancellation.check()
+            piece = render_to_host(device, draw, 0, row, column, side)
+            found[row : row + side, column : column + side] = piece
     return found
 
 

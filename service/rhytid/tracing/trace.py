@@ -141,7 +141,7 @@ def charted(device: Device, mesh: Mesh, udim: int, settings: AssetSettings) -> N
 def shown(device: Device, mesh: Mesh, udim: int, side: int, padding: int) -> NDArray[np.int32]:
     """(side, side) the triangle of each texel, or of the nearest one within `padding` texels of
     it; the number of triangles for none."""
-    with device.task():
+    with device.task_or_steps():
         triangles = UdimTriangles(device, mesh, udim, side, padding)
         found = triangles.texels(side, 0, 0, side)
         texels = device.read(found, (side, side), np.int32)
@@ -242,7 +242,7 @@ def _located(
     """Triangles of nodes and of wrinkles; the number of triangles for none."""
     uv = arrays["node_uv"]
     middle = uv[arrays["edge_nodes"]].mean(axis=1).astype(np.float32)
-    with device.task():
+    with device.task_or_steps():
         nodes, edges = (
             locate_points(device, mesh, at, settings.resolution, max(settings.padding, 2))
             for at in (uv, middle)

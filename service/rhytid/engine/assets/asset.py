@@ -19,6 +19,7 @@ from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import ORIGIN, Centre, Mesh
 from rhytid.domain.mesh_warnings import FrameCheck
 from rhytid.domain.notices import Notice, build_notice, grain_notice, texel_notice
+from rhytid.domain.residual import Residual
 from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.domain.uv_layout import usual_uv_length
 from rhytid.domain.warnings import InputWarning
@@ -64,6 +65,8 @@ class Asset:
     # The lengths that settings are resolved with.
     lengths: Lengths = field(default_factory=lambda: Lengths.of(1.0))
     statistics: dict[str, Any] | None = None
+    # The largest residual of a scanned skin, mesh units; None of another skin.
+    residual: float | None = None
     # None until first loaded; used through DeviceAssets only.
     on_device: DeviceAsset | None = None
     warnings: tuple[InputWarning, ...] = ()
@@ -119,13 +122,20 @@ class Asset:
         """Mark it as failed; `reason` is shown to callers."""
         self.state, self.reason = "failed", reason
 
-    def built(self, graph: WrinkleGraph, settings: AssetSettings, distance: float) -> None:
+    def built(
+        self,
+        graph: WrinkleGraph,
+        settings: AssetSettings,
+        distance: float,
+        residual: Residual | None = None,
+    ) -> None:
         """Mark it as ready, with resolved settings; `lengths` are set before.
 
         distance: measured mean distance of neighbouring pores on the surface, in mesh units.
         """
         self.settings = settings
         self.pores, self.wrinkles = graph.counts()
+        self.residual = None if residual is None else residual.largest
         self.statistics = {
             "spacing": self.lengths.spacing,
             "distance": distance,
@@ -222,6 +232,15 @@ class Asset:
             raise NotReadyError(f"asset {self.id} is still building")
         if self.state == "failed":
             raise ConflictError(f"asset {self.id} failed to build: {self.reason}")
+
+    def check_grown(self) -> None:
+        """Raise ConflictError for a scanned skin, and what `check_ready` raises."""
+        self.check_ready()
+        if self.residual is not None:
+            raise ConflictError(
+                f"asset {self.id} is a scanned skin: packages and precomputed maps cannot hold its "
+                "residual yet, and would not be the scan at rest; ask for tiles or maps of frames"
+            )
 
     @property
     def resident(self) -> DeviceAsset | None:

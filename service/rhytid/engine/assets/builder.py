@@ -10,6 +10,7 @@ from functools import partial
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
 from rhytid.domain.graph import GraphOrigin, WrinkleGraph
+from rhytid.domain.residual import Residual, ScanRelief
 from rhytid.domain.skin import USUAL_AGE
 from rhytid.domain.tiles import TileAddress
 from rhytid.domain.uv_layout import usual_uv_length
@@ -34,6 +35,7 @@ from rhytid.storage.records import StoredRequest
 from rhytid.storage.store import AssetStore
 from rhytid.synthesis.build_size import BuildSize
 from rhytid.synthesis.generate import Synthesis, synthesize
+from rhytid.tracing.scan import traced_scan
 
 # Share of a build's progress at which the synthesis ends.
 _SYNTHESIS = 0.8
@@ -175,9 +177,12 @@ class AssetBuilder:
 
     def _build(self, job: Job, asset: Asset) -> None:
         request = self._store.request(asset.id)
-        graph, grown = self._graph(job, asset, request)
+        graph, residual, grown = self._graph(job, asset, request)
         job.progress(_SYNTHESIS, "placing pores and wrinkles")
-        made = self._on_device.place(request.mesh, graph, request.settings, request.stiffness)
+        request = replace(request, residual=residual)
+        made = self._on_device.place(
+            request.mesh, graph, request.settings, request.stiffness, residual
+        )
         try:
             settings, distance = self._keep(job, asset, request, graph, grown, made)
         except BaseException:
@@ -186,7 +191,7 @@ class AssetBuilder:
         job.progress(_SYNTHESIS, "uploading")
         self._on_device.finish(asset, made, graph, settings)
         with asset.kept():
-            asset.built(graph, settings, distance)
+            asset.built(graph, settings, distance, residual)
 
     def _keep(
         self,
@@ -212,17 +217,40 @@ class AssetBuilder:
         facts["uv_length"] = asset.measured_uv
         job.progress(_SYNTHESIS, "storing")
         with asset.kept():
-            self._store.put_asset(asset.id, request.mesh, graph, settings, facts, request.stiffness)
+            self._store.put_asset(
+                asset.id, request.mesh, graph, settings, facts, request.stiffness,
+                request.residual,
+            )  # fmt: skip
         return settings, distance
 
     def _graph(
         self, job: Job, asset: Asset, request: StoredRequest
-    ) -> tuple[WrinkleGraph, Synthesis | None]:
-        """The graph that was sent, or a new one with its figures; other tasks of the device run
-        between the steps of its synthesis."""
+    ) -> tuple[WrinkleGraph, Residual | None, Synthesis | None]:
+        """The graph that was sent, or traced, with its residual; or a new one with its figures.
+        Other tasks of the device run between the steps of both."""
         if request.graph is not None:
-            return request.graph, None
+            return request.graph, request.residual, None
+        if request.scan is not None:
+            return *self._traced(job, asset, request, request.scan), None
+        found = self._grown(job, asset, request)
+        return found.graph, None, found
 
+    def _traced(
+        self, job: Job, asset: Asset, request: StoredRequest, scan: ScanRelief
+    ) -> tuple[WrinkleGraph, Residual]:
+        def report(share: float, stage: str) -> None:
+            job.progress(_SYNTHESIS * share, f"tracing: {stage}")
+
+        with self._on_device.in_steps():
+            found = traced_scan(
+                self._device, request.mesh, scan, request.settings, report,
+                self._on_device.run_patiently,
+            )  # fmt: skip
+        for udim in asset.udims:
+            check_cover(found.graph, request.settings, udim, self._limit)
+        return found.graph, Residual.of(found.residual)
+
+    def _grown(self, job: Job, asset: Asset, request: StoredRequest) -> Synthesis:
         size = ""
         if asset.expected_wrinkles < MOST_WRINKLES:  # else nobody has counted
             size = str(BuildSize.of(request.mesh, asset.expected_wrinkles))
@@ -237,13 +265,13 @@ class AssetBuilder:
             unit=request.settings.length_unit,
         )  # fmt: skip
         if request.settings.graph.age == USUAL_AGE:
-            return found.graph, found
+            return found
         # Its depth is not that of the spacing alone: it is kept with the graph.
         origin = replace(
             found.graph.origin or GraphOrigin(),
             unit=request.settings.length_unit, depth=found.lengths.depth,
         )  # fmt: skip
-        return replace(found.graph, origin=origin), found
+        return replace(found, graph=replace(found.graph, origin=origin))
 
     @contextmanager
     def _failing(self, job: Job, asset: Asset) -> Iterator[None]:

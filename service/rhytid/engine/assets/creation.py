@@ -200,8 +200,9 @@ class AssetRegistration:
                 self._add_frames(asset, upload.frames)
                 return
             self._store.put_request(
-                asset.id, new.mesh, new.settings, new.graph, new.stiffness, new.controls, folds
-            )
+                asset.id, new.mesh, new.settings, new.graph, new.stiffness, new.controls, folds,
+                new.residual, new.scan,
+            )  # fmt: skip
             self._builder.start(asset, self._frames_work(asset, upload.frames))
         except BaseException:
             asset.state = "removed"

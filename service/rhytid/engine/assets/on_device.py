@@ -12,6 +12,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Stiffness
+from rhytid.domain.residual import Residual
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine import call_context
 from rhytid.engine.assets.asset import Asset
@@ -132,6 +133,13 @@ class DeviceAssets:
         with self._device.in_steps(self._steps(asset.id), check):
             yield resident
 
+    @contextmanager
+    def in_steps(self) -> Iterator[None]:
+        """Let this thread use the device in steps within the block, for work of no asset that is on
+        it; other tasks run between them."""
+        with self._device.in_steps(self._steps()):
+            yield
+
     def _steps(self, turn: Hashable = None) -> Callable[..., Any]:
         """Runs steps in a turn. Where nobody waits for the work of this thread any more, a step
         raises CancelledError, once: the steps after it give back."""
@@ -163,12 +171,13 @@ class DeviceAssets:
             asset.making.release()
 
     def place(
-        self, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings, stiffness: Stiffness | None
-    ) -> DeviceAsset:
+        self, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings,
+        stiffness: Stiffness | None, residual: Residual | None = None,
+    ) -> DeviceAsset:  # fmt: skip
         """The parts of a mesh on the device, with the triangles of its pores and wrinkles. To be
         followed by `finish` or `give_up`."""
-        with self._device.in_steps(self._steps()):
-            made = DeviceAsset(self._device, mesh, settings, stiffness)
+        with self.in_steps():
+            made = DeviceAsset(self._device, mesh, settings, stiffness, residual)
             made.mesh.locate(graph)
             made.mesh.bounded = True
         return made
@@ -182,7 +191,7 @@ class DeviceAssets:
         """
         try:
             prepared = made.mesh.prepare(graph, settings)
-            with self._device.in_steps(self._steps()):
+            with self.in_steps():
                 elements = made.mesh.upload(prepared, settings)
             self.run_patiently(made.mesh.take, elements, settings)
             self.run_patiently(made.warm_up)
@@ -214,7 +223,9 @@ class DeviceAssets:
             asset.fail(DAMAGED)
             raise
         with self._loading:
-            made = self.place(stored.mesh, stored.graph, asset.settings, stored.stiffness)
+            made = self.place(
+                stored.mesh, stored.graph, asset.settings, stored.stiffness, stored.residual
+            )
             self.finish(asset, made, stored.graph, asset.settings)
         return made
 

@@ -104,7 +104,8 @@ class AssetService(Assets):
 
     def resized(self, asset: str, resolution: int) -> AssetInfo:
         """Create an asset of the skin of a ready one at another resolution: its mesh, wrinkles,
-        stiffness and present settings; nothing is synthesised. Raises what `create` does."""
+        stiffness, residual, which is resampled, and present settings; nothing is synthesised.
+        Raises what `create` does."""
         found = self._assets.get(asset)
         graph, stored = self.graph(asset), self._store.asset(asset)
         side = min(found.settings.tile_size, resolution)
@@ -112,7 +113,9 @@ class AssetService(Assets):
         if grown.density != 1.0:  # part of the spacing that the graph itself says
             grown = replace(grown, spacing=None)
         settings = replace(found.settings, resolution=resolution, tile_size=side, graph=grown)
-        return self.create(NewAsset(stored.mesh, settings, graph, stiffness=stored.stiffness))
+        residual = None if stored.residual is None else stored.residual.resized(resolution)
+        new = NewAsset(stored.mesh, settings, graph, stiffness=stored.stiffness, residual=residual)
+        return self.create(new)
 
     @override
     def delete(self, asset: str, *, shared: bool = False) -> None:

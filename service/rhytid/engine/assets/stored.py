@@ -110,7 +110,8 @@ class StoredAssets:
         if facts.uv_length:  # 0: it could not be found out then
             asset.measured_uv = facts.uv_length
         distance = self._measured(stored) if facts.distance is None else facts.distance
-        asset.built(stored.graph, settings.with_lengths(asset.lengths), distance)
+        resolved = settings.with_lengths(asset.lengths)
+        asset.built(stored.graph, resolved, distance, stored.residual)
 
     def _measured(self, stored: StoredAsset) -> float:
         """Mean distance of the pores of an asset, stored by a version that did not keep it."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
 from rhytid.domain.expressions import Expressions, expressions_for_lines
 from rhytid.domain.frame import check_positions
 from rhytid.domain.graph import WrinkleGraph
@@ -26,6 +26,7 @@ from rhytid.pipeline.elements import check_cover
 from rhytid.pipeline.work import DrawLimit
 from rhytid.storage.asset_ids import asset_id
 from rhytid.synthesis.capacity import check_amount
+from rhytid.tracing.trace import traced_settings
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,9 @@ class CheckedUpload:
         udims = mesh_udims(new.mesh)
         if not udims:
             raise MeshError("no triangle lies in a UDIM: u goes from 0 to 10, v from 0 up")
-        if new.graph is None:
+        if new.scan is not None:
+            new, expressions, wrinkles = _to_trace(new), None, MOST_WRINKLES
+        elif new.graph is None:
             new, expressions, wrinkles = _to_grow(new, memory)
         else:
             expressions, wrinkles = None, new.graph.wrinkles
@@ -63,13 +66,16 @@ class CheckedUpload:
         _check_painted(new, udims)
         settings = new.settings
         return cls(
-            id=asset_id(new.mesh, settings, new.graph, new.stiffness, new.controls, expressions),
+            id=_id(new, expressions),
             new=new,
             expressions=expressions,
             wrinkles=wrinkles,
             frames=_checked_frames(new),
-            warnings=mesh_warnings(new.mesh, settings.length_unit, settings.resolution, udims),
-            unused=() if new.graph is None else settings_unused(settings),
+            warnings=(
+                *mesh_warnings(new.mesh, settings.length_unit, settings.resolution, udims),
+                *new.noted,
+            ),
+            unused=() if new.graph is None and new.scan is None else settings_unused(settings),
         )
 
     @property
@@ -87,12 +93,26 @@ class CheckedUpload:
 
 def content_id(new: NewAsset) -> str:
     """The id that an upload will have; checks nothing of it."""
-    if new.graph is not None:
+    if new.scan is not None:
+        settings, expressions = _to_trace(new).settings, None
+    elif new.graph is not None:
         settings, expressions = new.settings.for_graph(new.graph.origin), None
     else:
         settings = new.settings.for_synthesis()
         expressions = expressions_for_lines(settings.graph.lines, new.shapes)
-    return asset_id(new.mesh, settings, new.graph, new.stiffness, new.controls, expressions)
+    return _id(replace(new, settings=settings), expressions)
+
+
+def _id(new: NewAsset, expressions: Expressions | None) -> str:
+    return asset_id(
+        new.mesh, new.settings, new.graph, new.stiffness, new.controls, expressions, new.residual,
+        new.scan,
+    )  # fmt: skip
+
+
+def _to_trace(new: NewAsset) -> NewAsset:
+    """The upload of a scan, with settings that its traced graph is drawn with."""
+    return replace(new, settings=traced_settings(new.settings.for_graph(None)))
 
 
 def _settings_of(
@@ -119,9 +139,16 @@ def _check_painted(new: NewAsset, udims: tuple[int, ...]) -> None:
     for painted in (new.stiffness, new.controls):
         if painted is not None:
             painted.check_udims(udims)
-    if new.graph is not None and new.controls is not None:
-        names = ", ".join(new.controls.maps)
-        raise InputError(f"{names}: maps that guide synthesis; a graph was sent")
+    for scanned in (new.residual, new.scan):
+        if scanned is not None:
+            scanned.check(udims, new.settings.resolution)
+    if new.residual is not None and new.graph is None:
+        raise InputError("a residual is what a traced graph does not draw: send that, too")
+    if new.scan is not None and new.graph is not None:
+        raise InputError("a graph and a scan, of which one is traced: send one of them")
+    if new.controls is not None and (new.graph is not None or new.scan is not None):
+        names, sent = ", ".join(new.controls.maps), "scan" if new.graph is None else "graph"
+        raise InputError(f"{names}: maps that guide synthesis; a {sent} was sent")
 
 
 def _checked_frames(new: NewAsset) -> tuple[NDArray[np.float32], ...]:

@@ -6,6 +6,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Stiffness
+from rhytid.domain.residual import Residual
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.bins import DeviceBins
 from rhytid.engine.device_assets.drawing import DeviceDrawing, DeviceNeutral
@@ -32,8 +33,9 @@ class DeviceAsset:
         mesh: Mesh,
         settings: AssetSettings,
         stiffness: Stiffness | None = None,
+        residual: Residual | None = None,
     ) -> None:
-        self.mesh = DeviceMesh(device, mesh, settings, stiffness)
+        self.mesh = DeviceMesh(device, mesh, settings, stiffness, residual)
         self.frames = DeviceFrames(self.mesh)
         grain = DeviceGrain(self.mesh, self.frames)
         events = DeviceEvents(self.mesh, self.frames)

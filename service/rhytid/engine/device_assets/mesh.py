@@ -18,6 +18,7 @@ from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Stiffness
+from rhytid.domain.residual import Residual
 from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery
@@ -36,6 +37,7 @@ from rhytid.pipeline.elements import (
 from rhytid.pipeline.event_elements import EventArrays, event_arrays
 from rhytid.pipeline.grain import relief_shares
 from rhytid.pipeline.locate import UdimTriangles, locate_points
+from rhytid.pipeline.residual import ResidualMap
 from rhytid.pipeline.smooth import SmoothStage
 from rhytid.pipeline.stiffness import stiffness_of_elements
 from rhytid.pipeline.stretch import StretchStage
@@ -52,8 +54,9 @@ RECENT_FRAMES = 8
 class DeviceMesh:
     """A mesh, its wrinkles by UDIM, and the stages that work on them, which stay until `release`.
 
-    tile_side: texels per side of a tile of level 0.  cache: what is computed from them.
-    bounded: whether a task defers work that takes long, by DeferredWork.
+    tile_side: texels per side of a tile of level 0.  residuals: by UDIM, of scanned skin.  cache:
+    what is computed from them.  bounded: whether a task defers work that takes long, by
+    DeferredWork.
     """
 
     def __init__(
@@ -62,6 +65,7 @@ class DeviceMesh:
         mesh: Mesh,
         settings: AssetSettings,
         stiffness: Stiffness | None = None,
+        residual: Residual | None = None,
     ) -> None:
         self.device, self.mesh, self.stiffness = device, mesh, stiffness
         self.settings, self.tile_side = settings, settings.grid.texels(0)
@@ -71,6 +75,8 @@ class DeviceMesh:
             udim: UdimTriangles(device, mesh, udim, settings.resolution, settings.padding)
             for udim in mesh_udims(mesh)
         }
+        codes = {} if residual is None else residual.codes
+        self.residuals = {u: ResidualMap.upload(device, residual, u) for u in codes if residual}
         self.elements: dict[int, UdimElements] = {}
         self.pore_triangle = self._wrinkle_triangle = np.zeros(0, np.int32)
         self._blend: Blend | None = None
@@ -194,7 +200,8 @@ class DeviceMesh:
         """Free everything; later calls raise NotFoundError."""
         self.cache.release()
         held = (self.stretch, self.smooth, self._blend, self.convolve)
-        for part in (*held, *self.located.values(), *self.elements.values()):
+        by_udim = self.located, self.residuals, self.elements
+        for part in (*held, *(part for parts in by_udim for part in parts.values())):
             if part is not None:
                 part.release()
 

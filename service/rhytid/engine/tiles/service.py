@@ -124,6 +124,7 @@ class TileService(Tiles):
     @override
     def bins(self, asset: str) -> BinManifest:
         found = self._assets.get(asset)
+        found.check_grown()
         return self._on_device.loaded(found).bins.manifest()
 
     @override
@@ -136,6 +137,7 @@ class TileService(Tiles):
         sample: int | None = None,
     ) -> NDArray[np.integer]:
         found = self._assets.get(asset)
+        found.check_grown()
         found.check_address(address)
         if address.level > 0:
             raise NotFoundError(
@@ -178,11 +180,13 @@ def displacement_scale(asset: Asset) -> float:
     asset.
 
     The largest displacement that the maps of the fast method can hold, whatever its bins are; twice
-    that where lines have ranks, skin has patches or single features, which add up to more.
+    that where lines have ranks, skin has patches or single features, which add up to more. The
+    largest residual of a scanned skin is added.
     """
     grown = asset.settings.graph
     uneven = grown.rank > 0 or grown.patches > 0 or grown.events > 0
-    return (2.0 if uneven else 1.0) * SCALE_LIMIT * (1.0 + HEADROOM) * (asset.settings.depth or 0.0)
+    depths = (2.0 if uneven else 1.0) * SCALE_LIMIT * (1.0 + HEADROOM)
+    return depths * (asset.settings.depth or 0.0) + (asset.residual or 0.0)
 
 
 def _header(asset: Asset, frame: str, query: MapQuery, at: TileAddress) -> TileHeader:

@@ -1,0 +1,231 @@
+"""Scanned skin: the scan at rest, the residual in every method and level, kept and told apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from io import BytesIO
+
+import numpy as np
+import pytest
+
+from engine.engines import (
+    QUERIES,
+    assembled,
+    built,
+    finish,
+    maps,
+    new_asset,
+    running,
+    same,
+    settle,
+)
+from meshes import deform
+from pipeline.scenes import sheet
+from reference import tracing as reference
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.residual import Residual, ScanRelief
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.engine import Engine
+from rhytid.engine.messages import MapQuery, NewAsset
+from rhytid.errors import ConflictError, InputError
+
+MESH = sheet(udims=2)
+BENT = deform(MESH.positions, 3, 0.15)
+SIDE, DEPTH = 256, 0.1
+UDIMS = (1001, 1002, 1011, 1012)
+EVERY = (*QUERIES, *(MapQuery(m, sampling="smooth") for m in ("redraw", "binned", "convolved")))
+
+
+def residual(mesh: Mesh = MESH) -> Residual:
+    """Noise and a swell in three of four UDIMs, above the surface in one."""
+    rng = np.random.default_rng(5)
+    swell = 0.02 * np.sin(np.arange(SIDE) / 30.0)
+    found = {u: swell + 0.004 * rng.normal(size=(SIDE, SIDE)) for u in UDIMS[:3]}
+    found[1002] = found[1002] + 0.3
+    return Residual.of({u: map.astype(np.float32) for u, map in found.items()})
+
+
+def rest_of(residual: Residual) -> dict[int, np.ndarray]:
+    """In double, from the definition."""
+    found = {u: np.zeros((SIDE, SIDE)) for u in UDIMS}
+    for udim, codes in residual.codes.items():
+        step, middle = residual.steps[udim]
+        found[udim] = middle + step * codes.astype(np.float64)
+    return found
+
+
+def whole(engine: Engine, id: str, query: MapQuery, udim: int, level: int = 0) -> np.ndarray:
+    return engine.tiles.plan_map(id, "bent", query, udim, level).draw()
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """An engine with an asset that has a residual and one that has none, both bent."""
+    with running(tmp_path_factory.mktemp("scanned")) as engine:
+        ids = (
+            built(engine, replace(new_asset(MESH), residual=residual())),
+            built(engine, new_asset(MESH)),
+        )
+        for id in ids:
+            engine.frames.put(id, "bent", BENT)
+        yield engine, *ids
+
+
+@pytest.mark.parametrize("query", EVERY, ids=str)
+def test_every_method_has_the_residual(made, query):
+    engine, scanned, plain = made
+    for udim, added in rest_of(residual()).items():
+        wanted = whole(engine, plain, query, udim) + added
+        np.testing.assert_allclose(whole(engine, scanned, query, udim), wanted, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("query", QUERIES, ids=str)
+@pytest.mark.parametrize("level", [0, 1, 8])
+def test_tiles_put_together_are_the_map_and_levels_are_means(made, query, level):
+    engine, scanned, _ = made
+    map = whole(engine, scanned, query, 1002, level)
+    assert same([map], [assembled(engine, scanned, "bent", query, 1002, level)])
+    side = SIDE >> level
+    means = whole(engine, scanned, query, 1002).reshape(side, SIDE // side, side, -1).mean((1, 3))
+    np.testing.assert_allclose(map, means, rtol=0, atol=1e-6)
+
+
+def test_png_tiles_hold_the_residual(made):
+    engine, *ids = made
+    scales = [
+        engine.tiles.plan(id, "bent", QUERIES[1], TileAddress(1001, 0, 0, 0)).header.scale
+        for id in ids
+    ]
+    assert scales[0] - scales[1] == pytest.approx(residual().largest)
+    assert residual().largest == pytest.approx(np.abs(rest_of(residual())[1002]).max())
+
+
+def test_what_cannot_hold_it_is_refused(made):
+    engine, scanned, plain = made
+    for call in (
+        lambda id: engine.tiles.bins(id),
+        lambda id: engine.tiles.bin_tile(id, TileAddress(1001, 0, 0, 0), "pores"),
+        lambda id: engine.packages.of(id),
+    ):
+        with pytest.raises(ConflictError, match="is a scanned skin: packages and precomputed"):
+            call(scanned)
+    engine.tiles.bins(plain)
+
+
+def test_changes_keep_it(made):
+    engine, scanned, plain = made
+    for id in (scanned, plain):
+        engine.assets.change(id, {"response": {"alpha_d": 3.0}})
+    try:
+        added = rest_of(residual())[1011]
+        found, wanted = (whole(engine, id, QUERIES[1], 1011) for id in (scanned, plain))
+        np.testing.assert_allclose(found, wanted + added, rtol=0, atol=1e-7)
+        assert not same([wanted], [found])
+    finally:
+        for id in (scanned, plain):
+            engine.assets.change(id, {"response": {"alpha_d": 4.0}})
+
+
+def test_its_memory_is_counted(made):
+    engine, scanned, plain = made
+    one, other = (
+        sum(part.nbytes for part in mesh.residuals.values())
+        for mesh in (
+            engine._on_device.loaded(engine.assets._assets.get(id)).mesh for id in (scanned, plain)
+        )
+    )
+    assert (one, other) == (3 * SIDE**2 * 2, 0)
+
+
+def test_it_is_part_of_the_id_and_survives_restart_and_snapshot(tmp_path):
+    new = new_asset(MESH)
+    other = Residual.of({1001: residual().heights(1001)})
+    with running(tmp_path / "one") as engine:
+        ids = [built(engine, replace(new, residual=r)) for r in (residual(), other)]
+        assert len({*ids, engine.assets.create(new).id}) == 3
+        engine.frames.put(ids[0], "bent", BENT)
+        before = maps(engine, ids[0], "bent")
+        resized = engine.assets.resized(ids[0], 512)
+        finish(engine, resized.job)
+        large = engine.tiles.plan_map(resized.id, "neutral", QUERIES[0], 1002, 0).draw()
+        assert large.mean() == pytest.approx(before[1].mean(), abs=0.002)
+        with engine.snapshots.of(ids[0]) as snapshot:
+            data = b"".join(snapshot.pieces())
+    assert b'"format":3' in data[:4096]
+    with running(tmp_path / "one") as engine:
+        settle(engine, ids[0])
+        engine.frames.put(ids[0], "bent", BENT)
+        assert same(before, maps(engine, ids[0], "bent"))
+    with running(tmp_path / "two") as engine:
+        engine.snapshots.restore(BytesIO(data), len(data))
+        engine.frames.put(ids[0], "bent", BENT)
+        assert same(before, maps(engine, ids[0], "bent"))
+
+
+def relief(seed: int) -> np.ndarray:
+    """Lines and pores on a swell, mesh units; a step across two rows, as at the end of a chart."""
+    rng = np.random.default_rng(seed)
+    starts = rng.uniform(30, 226, (25, 2))
+    lines = np.concatenate([starts, starts + rng.uniform(-30, 30, (25, 2))], axis=1)
+    found = reference.relief_of_lines(SIDE, lines, 3.0, 0.05, 1.0)
+    found = found + reference.relief_of_pores(SIDE, rng.uniform(30, 226, (20, 2)), 4.0, 0.04)
+    return (found + 0.02 * np.sin(np.arange(SIDE) / 20.0)).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def traced(tmp_path_factory):
+    """An engine with an asset that was traced, of two UDIMs of four, and its scan."""
+    scan = ScanRelief({udim: relief(udim) for udim in (1001, 1012)}, 1e-6)
+    settings = new_asset(MESH, depth=None, preset="best", unit="mm").settings
+    with running(tmp_path_factory.mktemp("traced")) as engine:
+        id = built(engine, NewAsset(MESH, settings, scan=scan))
+        engine.frames.put(id, "bent", BENT)
+        yield engine, id, scan
+
+
+def test_at_rest_it_is_the_scan(traced):
+    engine, id, scan = traced
+    step = max(float(np.ptp(map)) for map in scan.maps.values()) / 65535
+    for udim in UDIMS:
+        wanted = scan.maps.get(udim, np.zeros((SIDE, SIDE), np.float32))
+        for query in QUERIES[:2]:
+            found = engine.tiles.plan_map(id, "neutral", query, udim, 0).draw()
+            assert np.abs(found - wanted).max() <= 0.5 * step + 1e-8, (udim, query)
+
+
+def test_its_lines_move_and_can_be_had(traced):
+    engine, id, scan = traced
+    bent = whole(engine, id, QUERIES[1], 1001)
+    assert np.abs(bent - scan.maps[1001]).max() > 0.01
+    graph, info = engine.assets.graph(id), engine.assets.info(id)
+    assert graph.counts() == (info.pores, info.wrinkles)
+    assert info.wrinkles > 50
+    assert info.settings["shape"]["grain"] == info.settings["shape"]["undulation"] == 0.0
+    assert info.settings["depth"] == pytest.approx(0.04, rel=0.5)
+    assert (
+        id
+        == engine.assets.create(
+            NewAsset(
+                MESH, new_asset(MESH, depth=None, preset="best", unit="mm").settings, scan=scan
+            )
+        ).id
+    )
+
+
+def test_what_does_not_fit_is_refused(traced):
+    engine, _, scan = traced
+    new = new_asset(MESH)
+    small = {1001: np.zeros((128, 128), np.float32)}
+    for changes, error in (
+        ({"graph": None, "residual": residual()}, "residual is what a traced graph does not draw"),
+        ({"scan": scan}, "a graph and a scan"),
+        ({"residual": Residual.of(small)}, "UDIM 1001 has 128 texels a side, the asset has 256"),
+        ({"residual": Residual({}, {})}, "without a map"),
+        ({"graph": None, "scan": ScanRelief({1003: relief(1)})}, "UDIM 1003, which has no mesh"),
+    ):
+        with pytest.raises(InputError, match=error):
+            engine.assets.create(replace(new, **changes))
+    flat = ScanRelief({1001: np.zeros((SIDE, SIDE), np.float32)})
+    info = engine.assets.create(NewAsset(MESH, replace(new.settings, depth=None), scan=flat))
+    job = finish(engine, info.job)
+    assert (job.state, "no lines in the scan" in job.detail) == ("failed", True)
