@@ -119,6 +119,50 @@ def test_scan_is_residual_and_neutral(traced: Traced, tmp_path: Path) -> None:
     assert np.isin(residual[border], residual[chart]).mean() > 0.95  # padded
 
 
+@pytest.mark.parametrize("way", ["scan", "residual"])
+def test_baked_maps_are_the_scan_at_rest(
+    traced: Traced, tmp_path: Path, way: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In one command, and from the files of `trace`: within half a step of 16 bits."""
+    given: tuple[object, ...] = ("--scan", traced.scan, "--scale", RANGE)
+    if way == "residual":
+        files = "graph.safetensors", "residual.<UDIM>.exr"
+        given = "--graph", traced.out / files[0], "--residual", traced.out / files[1]
+    baked = ["bake", traced.mesh, "--out", tmp_path, *given]
+    assert main([*map(str, baked)]) == 0
+    [file] = tmp_path.glob("*.exr")
+    with Image.open(traced.scan) as image:
+        scan = (np.asarray(image, np.float64) / 65535 - 0.5) * RANGE
+    off = np.abs(read_exr(file)[0] - scan)[inside(traced.mesh)]
+    assert off.max() < 0.5 * STEP
+    assert main([*map(str, baked)]) == 0
+    assert "1 already there" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("--scan", "a.png", "--graph", "g"), "--scan is traced to a graph, --graph gives one"),
+        (("--residual", "a.exr"), "--residual is what a traced graph does not draw: give --graph"),
+        (("--scan", "a.png", "--set", "age=60"), "--scan gives lines that are traced: use one"),
+        (("--scale", "2"), "--scale says how to read displacement: give --scan, too"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(
+    traced: Traced, tmp_path: Path, given: tuple[str, ...], said: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    words = [str(traced.scan) if word in ("a.png", "a.exr", "g") else word for word in given]
+    with pytest.raises(SystemExit):
+        main(["bake", str(traced.mesh), "--out", str(tmp_path), *words])
+    assert said in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_residual_of_codes_is_refused(traced: Traced, tmp_path: Path) -> None:
+    given = ["bake", traced.mesh, "--out", tmp_path, "--graph", traced.out / "graph.safetensors"]
+    assert main([*map(str, given), "--residual", str(traced.scan)]) != 0
+
+
 def inside(mesh: Path) -> NDArray[np.bool_]:
     """(SIDE, SIDE) whether the middle of a texel lies in a triangle."""
     with np.load(mesh) as arrays:

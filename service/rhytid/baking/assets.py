@@ -43,7 +43,8 @@ def build(engine: Engine, new: NewAsset, warnings: RunWarnings) -> AssetInfo:
     """
     asset = engine.assets.create(new)
     warnings.settings(asset.warnings)
-    if asset.state == "building" and new.graph is None:
+    grown = new.graph is None and new.scan is None
+    if asset.state == "building" and grown:
         graph = new.settings.for_synthesis().graph
         wrinkles = check_amount(new.mesh, graph, new.controls, sys.maxsize)
         warnings.note(str(BuildSize.of(new.mesh, wrinkles)))
@@ -58,7 +59,7 @@ def build(engine: Engine, new: NewAsset, warnings: RunWarnings) -> AssetInfo:
     # Maps that are made ahead would be for a range that is not calibrated yet.
     engine.jobs.cancel_all(asset.id)
     engine.shared.push(asset.id)
-    if new.graph is None and asset.statistics is not None:
+    if grown and asset.statistics is not None:
         settings = AssetSettings.parse(asset.settings)
         warnings.lengths(settings, asset.statistics["distance"])
     warnings.add_notices(asset.notices)

@@ -14,6 +14,7 @@ from rhytid.domain.expressions import Expressions, evenly_spaced
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import ORIGIN, Centre, Mesh
 from rhytid.domain.painted_maps import Controls, Stiffness
+from rhytid.domain.residual import Residual
 from rhytid.domain.scan import Scan, ScanSettings
 from rhytid.domain.tiles import mesh_udims
 from rhytid.errors import InputError, LimitError
@@ -104,19 +105,26 @@ def control_files(files: Mapping[str, Sequence[Path]], mesh: Mesh) -> Controls |
     return read_controls(images, mesh_udims(mesh))
 
 
-def scan_files(
-    files: Sequence[Path], mesh: Mesh, settings: ScanSettings, unit: str, *, partial: bool = False
-) -> Scan:
+def scan_files(files: Sequence[Path], mesh: Mesh, settings: ScanSettings, unit: str) -> Scan:
     """Read scanned displacement; each name of a file holds a UDIM.
 
-    files: `<UDIM>` in a name stands for every UDIM.  unit: of the mesh.  partial: whether UDIMs of
-    the mesh may have no map.
+    files: `<UDIM>` in a name stands for every UDIM.  unit: of the mesh.
     """
     udims = mesh_udims(mesh)
     images = [(str(file), file.read_bytes()) for file in _every_udim(files, udims)]
     with working("reading the scan"):
-        maps = read_scan(images, udims, partial=partial)
+        maps = read_scan(images, udims, partial=settings.partial)
     return scan_of(maps, settings, mesh, unit)
+
+
+def residual_files(files: Sequence[Path], mesh: Mesh) -> Residual:
+    """Read residuals of a traced graph, floats in mesh units, as `scan_files` reads scans. Raises
+    InputError for codes and bands."""
+    scan = scan_files(files, mesh, ScanSettings(partial=True), "")
+    for map in scan.maps.values():
+        if map.coded:
+            raise InputError(f"{map.name}: a residual is floats in mesh units, as `trace` writes")
+    return Residual.of({udim: scan.relief(udim) for udim in scan.maps})
 
 
 def _every_udim(files: Sequence[Path], udims: Sequence[int]) -> list[Path]:

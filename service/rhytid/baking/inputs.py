@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from rhytid.baking.frame_names import FramePlace, FrameRange, check_file_name, frame_numbers
 from rhytid.baking.frames import FrameFiles, check_sources, read_frames_list
@@ -12,6 +13,8 @@ from rhytid.baking.input_files import (
     control_files,
     graph_file,
     mesh_file,
+    residual_files,
+    scan_files,
     shape_files,
     stiffness_files,
 )
@@ -21,6 +24,7 @@ from rhytid.baking.request import BakeRequest, SkinRequest
 from rhytid.baking.run_warnings import RunWarnings
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.residual import Residual
 from rhytid.domain.settings_changes import settings_unused
 from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.messages import NewAsset
@@ -28,6 +32,8 @@ from rhytid.errors import InputError
 from rhytid.exports.textures.profiles import Profile
 from rhytid.formats.frame_set import Clip
 from rhytid.formats.meshes import MeshFile
+from rhytid.meshes.scan_check import ScanCheck
+from rhytid.support.console import working
 
 
 @dataclass(frozen=True)
@@ -63,10 +69,12 @@ class BakeInputs:
         if skin is not None:
             if mesh.unit is not None:
                 given = {"unit": mesh.unit, **given}
+            given, scanned = _scanned(skin, mesh, given, warnings)
             settings = AssetSettings.parse(given)
             name, unit = request.mesh.name, settings.length_unit
             warnings.inputs(mesh.mesh, name, unit, settings.resolution, frames)
             new = new_asset(skin, mesh, settings.named_after(name), request.clip, warnings)
+            new = _with_scan(new, scanned)
         geometry = None
         if request.geometry is not None:
             geometry = Geometry(mesh.mesh, request.geometry, request.subdivide)
@@ -99,7 +107,7 @@ def new_asset(
     """The asset that a request asks for on a mesh.  settings: those of the request, parsed. Raises
     InputError naming the file."""
     graph = graph_file(skin.graph) if skin.graph else None
-    if graph is not None:
+    if graph is not None or skin.scan:
         warnings.settings(settings_unused(settings))
     return NewAsset(
         mesh.mesh,
@@ -110,6 +118,35 @@ def new_asset(
         force=skin.force,
         shapes=shape_files(skin.shapes, mesh, clip),
     )
+
+
+def _scanned(
+    skin: SkinRequest, mesh: MeshFile, given: dict[str, Any], warnings: RunWarnings
+) -> tuple[dict[str, Any], Residual | ScanCheck | None]:
+    """The settings of the asset, as JSON, and its scan, or the residual of its graph. What is
+    probably wrong with a scan is printed."""
+    if skin.residual:
+        residual = residual_files(skin.residual, mesh.mesh)
+        side = len(next(iter(residual.codes.values())))
+        shape = {"grain": 0.0, "undulation": 0.0, **given.get("shape", {})}
+        return {"resolution": side, **given, "shape": shape}, residual
+    if not skin.scan:
+        return given, None
+    unit = AssetSettings.parse(given).length_unit
+    scan = scan_files(skin.scan, mesh.mesh, skin.scan_settings, unit)
+    check = ScanCheck(scan, mesh.mesh, unit, skin.scan_settings)
+    with working("measuring the scan"):
+        warnings.add(check.warnings())
+    warnings.refuse()
+    return {"resolution": check.resolution(), **given}, check
+
+
+def _with_scan(new: NewAsset, scanned: Residual | ScanCheck | None) -> NewAsset:
+    """The asset with its residual, or with the scan to be traced."""
+    if isinstance(scanned, ScanCheck):
+        with working("resampling the scan"):
+            return replace(new, scan=scanned.relief(new.settings.resolution))
+    return replace(new, residual=scanned)
 
 
 def _files(request: BakeRequest) -> Sequence[Path] | Sequence[FramePlace]:

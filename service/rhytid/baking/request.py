@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rhytid.baking.frame_names import FrameRange
+from rhytid.domain.scan import ScanSettings
 from rhytid.engine.messages import MapQuery
 from rhytid.formats.frame_set import Clip
 from rhytid.support.settings import ServiceSettings
@@ -48,7 +49,8 @@ class SkinRequest:
     settings: of the asset, as in JSON, not checked yet.  graph: file of a wrinkle graph; None grows
     one.  stiffness: files of stiffness maps.  maps: files of control maps, by the name of the
     control.  shapes: file or folder of expressions; None for those of the mesh file.  force:
-    whether a graph of another mesh is used.
+    whether a graph of another mesh is used.  residual: files of the residual of a traced graph.
+    scan: files of displacement to be traced in place of `graph`, as `scan_settings` say.
     """
 
     settings: Mapping[str, Any]
@@ -57,6 +59,9 @@ class SkinRequest:
     maps: Mapping[str, Sequence[Path]] = field(default_factory=dict)
     shapes: Path | None = None
     force: bool = False
+    residual: Sequence[Path] = ()
+    scan: Sequence[Path] = ()
+    scan_settings: ScanSettings = field(default_factory=ScanSettings)
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,13 @@ from rhytid.cli.options import (
     service_settings,
 )
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.scan_options import (
+    SCAN_FILES,
+    add_scan_settings,
+    options_named,
+    refuse_without_scan,
+    scan_file,
+)
 from rhytid.cli.skin_options import add_settings, add_skin, refuse_without_effect, skin_request
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.messages import METHODS, MapQuery
@@ -41,7 +48,7 @@ from rhytid.support.console import report
 # Options that say how an asset is built.
 _BUILDING = (
     "graph", "spacing", "wrinkles", "seed", "lines", "region", "set", "map", "region_mask", "unit",
-    "settings", "stiffness", "shapes", "force",
+    "settings", "stiffness", "shapes", "force", "residual", "scan",
 )  # fmt: skip
 SUMMARY = "Write the displacement of an animation as textures; continues where it was interrupted."
 DETAILS = """
@@ -49,10 +56,11 @@ Files are called NAME.<UDIM>.<FRAME>.exr, those of other profiles than float and
 docs/textures.md has all names. FRAME is the number that a geometry cache gives; else, where each
 frame file holds one frame, the number at the end of its name, or its name where not all have a
 number; else frames are counted from 0001.
-Maps that were baked from the same inputs are skipped. With --method binned the range of the
-precomputed maps comes from the frame that stretches most, unless the settings give bins.r_max.
---frame-range bakes a part: several commands may bake parts into one DIR at once. Where frames have
-names and no numbers, they count from 1."""
+Maps that were baked from the same inputs are skipped. With --scan the displacement is checked as
+by `check`, traced as by `trace`, and moves; nothing is to be added to the maps. With --method
+binned the range of the precomputed maps comes from the frame that stretches most, unless the
+settings give bins.r_max. --frame-range bakes a part: several commands may bake parts into one DIR
+at once. Where frames have names and no numbers, they count from 1."""
 
 
 def add_command(commands: Commands) -> None:
@@ -66,6 +74,7 @@ def add_command(commands: Commands) -> None:
     add_force(skin)
     add_stiffness(skin)
     add_settings(skin)
+    _add_scan(parser.add_argument_group("scanned displacement"))
     _add_output(parser.add_argument_group("output"))
     _add_machines(parser.add_argument_group("assets, devices and many machines"))
     reports = parser.add_argument_group("what is reported")
@@ -89,6 +98,15 @@ def _add_input(group: Arguments) -> None:
     add("--frame-range", type=frame_range, metavar="RANGE", help=part)
     add_caches(group)
     add_unit(group, "NEUTRAL")
+
+
+def _add_scan(group: Arguments) -> None:
+    """Add the options of skin that is scanned."""
+    scan = f"{SCAN_FILES}; its lines are traced and move, at rest it stays as it is"
+    add_several(group, "--scan", type=scan_file, metavar="MAP", help=scan)
+    add_scan_settings(group)
+    residual = "what --graph does not draw of a scan, as `trace` writes it; added to every map"
+    add_several(group, "--residual", type=scan_file, metavar="FILE", help=residual)
 
 
 def _add_output(group: Arguments) -> None:
@@ -156,7 +174,7 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.baking.bake import bake
     from rhytid.baking.run_warnings import RunWarnings
 
-    with RunWarnings("bake", arguments.strict, arguments.allow) as warnings:
+    with RunWarnings("bake", arguments.strict, arguments.allow) as warnings, options_named():
         summary = bake(_request(arguments), warnings)
         report(summary.figures, summary.text, arguments.json)
 
@@ -200,6 +218,7 @@ def _request(arguments: argparse.Namespace) -> BakeRequest:
 def _refuse_conflicts(arguments: argparse.Namespace) -> None:
     """End with a usage error where options exclude each other, or where one has no effect."""
     refuse_without_effect(arguments)
+    _refuse_scan_conflicts(arguments)
     _refuse_beside_asset(arguments)
     _refuse_dask_conflicts(arguments)
     if arguments.half and arguments.profile:
@@ -216,6 +235,15 @@ def _refuse_conflicts(arguments: argparse.Namespace) -> None:
         arguments.usage_error("--chunk says how many frames a task has: give --openjd or --dask")
     if arguments.frames_folder and not arguments.frames_list:
         arguments.usage_error("--frames-folder is where the files of --frames-list are: give both")
+
+
+def _refuse_scan_conflicts(arguments: argparse.Namespace) -> None:
+    """End with a usage error where options of a scan exclude each other, or have no effect."""
+    refuse_without_scan(arguments)
+    if arguments.scan and arguments.graph is not None:
+        arguments.usage_error("--scan is traced to a graph, --graph gives one: use one")
+    if arguments.residual and arguments.graph is None and arguments.asset is None:
+        arguments.usage_error("--residual is what a traced graph does not draw: give --graph, too")
 
 
 def _refuse_beside_asset(arguments: argparse.Namespace) -> None:

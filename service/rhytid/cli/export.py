@@ -77,7 +77,7 @@ def add_command(commands: Commands) -> None:
     add_device(parser)
     add_strict(parser)
     add_json(parser)
-    parser.set_defaults(run=run, usage_error=parser.refuse, stiffness=[])
+    parser.set_defaults(run=run, usage_error=parser.refuse, stiffness=[], residual=[], scan=[])
 
 
 def run(arguments: argparse.Namespace) -> None:

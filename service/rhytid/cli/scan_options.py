@@ -92,6 +92,13 @@ def refuse_without_scan(arguments: argparse.Namespace) -> None:
             arguments.usage_error(f"{option} says how to read displacement: give --scan, too")
 
 
+def scan_settings(arguments: argparse.Namespace) -> ScanSettings:
+    """What the options say of a scan. Raises SettingsError naming the setting."""
+    scales = None if arguments.scale is None else tuple(arguments.scale)
+    level, unit = arguments.midlevel, arguments.scan_unit
+    return ScanSettings(scales, level, unit, arguments.flip, arguments.partial)
+
+
 def checked_scan(
     arguments: argparse.Namespace,
     files: list[Path],
@@ -107,11 +114,9 @@ def checked_scan(
     from rhytid.baking.input_files import scan_files
     from rhytid.meshes.scan_check import ScanCheck
 
-    scales = None if arguments.scale is None else tuple(arguments.scale)
-    with _options_named():
-        level, of_scan = arguments.midlevel, arguments.scan_unit
-        settings = ScanSettings(scales, level, of_scan, arguments.flip)
-        scan = scan_files(files, mesh, settings, unit, partial=arguments.partial)
+    with options_named():
+        settings = scan_settings(arguments)
+        scan = scan_files(files, mesh, settings, unit)
     found = ScanCheck(scan, mesh, unit, settings)
     with working("measuring the scan"):
         warnings.add(found.warnings())
@@ -119,7 +124,7 @@ def checked_scan(
 
 
 @contextmanager
-def _options_named() -> Iterator[None]:
+def options_named() -> Iterator[None]:
     """Name options in errors of the block where these name settings of a scan."""
     try:
         yield

@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Any
 from rhytid.baking.request import SkinRequest
 from rhytid.cli.options import add_several, existing, readable
 from rhytid.cli.parser import suggestion
+from rhytid.cli.scan_options import scan_settings
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import LINES
 from rhytid.domain.lengths import SKIN
 from rhytid.domain.painted_maps import CONTROLS, REGION_MAPS, REGION_PREFIX
+from rhytid.domain.scan import ScanSettings
 from rhytid.domain.skin import ANATOMIES, REGIONS, WHOLE_FACE
 from rhytid.errors import SettingsError
 
@@ -94,12 +96,16 @@ def _add_lines(parser: argparse._ActionsContainer) -> None:
 
 
 def refuse_without_effect(arguments: argparse.Namespace) -> None:
-    """End with a usage error where `--graph` stands beside an option of how skin grows."""
+    """End with a usage error where `--graph` or `--scan` stands beside an option of how skin
+    grows."""
+    given = ("--graph", "are grown") if arguments.graph is not None else ("--scan", "are traced")
+    if arguments.graph is None and not arguments.scan:
+        return
     for name in _GROWING:
-        if arguments.graph is not None and getattr(arguments, name):
+        if getattr(arguments, name):
             option = "--" + name.replace("_", "-")
             arguments.usage_error(
-                f"{option} says how lines grow, --graph gives lines that are grown: use one"
+                f"{option} says how lines grow, {given[0]} gives lines that {given[1]}: use one"
             )
 
 
@@ -151,6 +157,9 @@ def skin_request(arguments: argparse.Namespace) -> SkinRequest:
         maps=skin_maps(arguments),
         shapes=arguments.shapes,
         force=arguments.force,
+        residual=arguments.residual,
+        scan=arguments.scan,
+        scan_settings=scan_settings(arguments) if arguments.scan else ScanSettings(),
     )
 
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import time
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,8 +40,6 @@ if TYPE_CHECKING:
     from rhytid.baking.run_warnings import RunWarnings
     from rhytid.device.runtime import Device
     from rhytid.domain.mesh import Mesh
-    from rhytid.domain.scan import Scan
-    from rhytid.meshes.scan_check import MapFacts
     from rhytid.tracing.trace import Trace
 
 GRAPH, SETTINGS, PICTURE = "graph.safetensors", "settings.json", "trace.png"
@@ -56,7 +52,6 @@ scan. Lines and pores that are not found do not move."""
 Reliefs = dict[int, NDArray[np.float32]]
 # Texels of a side that no more is taken of a scan than, unless it is asked for.
 _USUAL = AssetSettings().resolution
-_LEAST = 256
 
 
 def add_command(commands: Commands) -> None:
@@ -131,29 +126,14 @@ def _read(arguments: argparse.Namespace, warnings: RunWarnings) -> _Scan:
     mesh, unit = read.mesh, length_unit(arguments, read)
     warnings.notes(read.notes)
     check = checked_scan(arguments, arguments.maps, mesh, unit, warnings)
-    scan = check.scan
-    given |= {"unit": unit, "resolution": asked or _resolution(scan)}
+    given |= {"unit": unit, "resolution": asked or check.resolution()}
     settings = AssetSettings.parse(given)
     spacing = settings.graph.spacing or usual_spacing(unit)
     warnings.inputs(mesh, arguments.mesh.name, unit, settings.resolution)
     warnings.refuse()
     with working("resampling the scan"):
-        reliefs = {udim: scan.relief(udim, settings.resolution) for udim in scan.maps}
-    if not any(np.ptp(relief) > 0.0 for relief in reliefs.values()):
-        raise InputError("there is no relief in the scan: every texel has the same value")
-    return _Scan(mesh, settings, given, spacing, _rounding(check.maps), reliefs)
-
-
-def _rounding(maps: Iterable[MapFacts]) -> float:
-    """The standard deviation of rounding to the coarsest codes, mesh units; 0 for floats."""
-    steps = (one.step for one in maps if one.levels is not None)
-    return max(steps, default=0.0) / math.sqrt(12.0)
-
-
-def _resolution(scan: Scan) -> int:
-    """The power of two from the longest side of the maps on, within what is usual."""
-    side = max(max(map.shape) for map in scan.maps.values())
-    return min(max(1 << (side - 1).bit_length(), _LEAST), _USUAL)
+        relief = check.relief(settings.resolution)
+    return _Scan(mesh, settings, given, spacing, relief.noise, dict(relief.maps))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,7 @@ class ScanSettings:
     outside of the charts; None is 0.5 for codes and 0 for floats.
     unit: of `scale`; None for that of the mesh.
     flip: one of FLIPS, for a map whose v, or u, runs against that of the mesh.
+    partial: whether UDIMs of the mesh may have no map.
 
     Raises SettingsError naming the setting that cannot be used.
     """
@@ -53,6 +54,7 @@ class ScanSettings:
     midlevel: float | str | None = None
     unit: str | None = None
     flip: str | None = None
+    partial: bool = False
 
     def __post_init__(self) -> None:
         if self.scale is not None:
@@ -67,6 +69,30 @@ class ScanSettings:
 
         if self.flip not in (None, *FLIPS):
             raise SettingsError(f"scan.flip is {self.flip!r}: one of {', '.join(FLIPS)}")
+
+    @classmethod
+    def parse(cls, data: Any) -> ScanSettings:
+        """The settings of a JSON object with some of these fields; `scale` is a number or three.
+        Raises SettingsError naming the one that cannot be used."""
+        if not isinstance(data, Mapping):
+            raise SettingsError(f"scan is {data!r}: must be an object")
+        known = {field.name for field in fields(cls)}
+        for name in data:
+            if name not in known:
+                raise SettingsError(f"scan.{name} is unknown: one of {', '.join(sorted(known))}")
+        given = {name: value for name, value in data.items() if value is not None}
+        scale = given.get("scale")
+        if scale is not None:
+            given["scale"] = tuple(scale) if isinstance(scale, list) else (scale,)
+            if not all(map(_is_number, given["scale"])):
+                raise SettingsError(f"scan.scale is {scale!r}: a number, or three in a list")
+        if not (isinstance(given.get("midlevel", ""), str) or _is_number(given["midlevel"])):
+            raise SettingsError(f"scan.midlevel is {given['midlevel']!r}: a number, or {AUTO!r}")
+        for name, kind in (("unit", str), ("flip", str), ("partial", bool)):
+            if not isinstance(given.get(name, kind()), kind):
+                wanted = "true or false" if kind is bool else "a string"
+                raise SettingsError(f"scan.{name} is {given[name]!r}: must be {wanted}")
+        return cls(**given)
 
     def scales(self, channels: int, coded: bool, unit: str, name: str) -> tuple[float, ...]:
         """The scale of each channel in mesh units.
@@ -95,6 +121,10 @@ class ScanSettings:
                 "length: leave scan.unit out, or give the unit of the mesh"
             )
         return of_scale / of_mesh
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _check_scale(scale: tuple[float, ...]) -> None:

@@ -60,7 +60,7 @@ def settings_changed(
 
 
 def settings_unused(settings: AssetSettings) -> tuple[InputWarning, ...]:
-    """A warning where settings of the synthesis were sent together with a graph."""
+    """A warning where settings of the synthesis were sent together with a graph or a scan."""
     usual = asdict(AssetSettings.parse({"preset": settings.preset}).graph)
     given = asdict(settings.graph).items()
     unread = {n: v for n, v in given if v != usual[n] and n not in _READ_OF_GIVEN}
@@ -68,8 +68,9 @@ def settings_unused(settings: AssetSettings) -> tuple[InputWarning, ...]:
         return ()
     listed = ", ".join(f"graph.{name} ({_json(value)})" for name, value in unread.items())
     detail = (
-        f"{listed}: these settings say how skin is grown, but a graph was given (option --graph, "
-        "part graph): no skin is grown, so they change nothing. Leave them out, or send no graph"
+        f"{listed}: these settings say how skin is grown, but a graph or a scan was given "
+        "(options --graph and --scan, parts graph and scan): no skin is grown, so they change "
+        "nothing. Leave them out, or send neither"
     )
     return (InputWarning(SETTINGS_UNUSED, detail, "settings"),)
 

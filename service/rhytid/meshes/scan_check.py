@@ -7,6 +7,7 @@ are measured from its values.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -16,8 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import MESH_UNITS, MILLIMETRES, millimetres
 from rhytid.domain.mesh import Mesh, add_centre
+from rhytid.domain.residual import ScanRelief
 from rhytid.domain.scan import Scan, ScanSettings
 from rhytid.domain.warnings import (
     BLOCK_RATIO,
@@ -35,6 +38,7 @@ from rhytid.domain.warnings import (
     STEEPEST,
     InputWarning,
 )
+from rhytid.errors import InputError
 from rhytid.meshes.scan_samples import Seams, SurfaceSamples
 from rhytid.meshes.scan_values import AS_IT_IS, best_turn, blocks_of, levels_of, noise_of
 from rhytid.meshes.scans import Background, charts
@@ -43,6 +47,8 @@ FloatArray = NDArray[np.float64]
 # Percentiles between which 95 % of a relief lie.
 _ENDS = (2.5, 97.5)
 _FLIPS = {"top to bottom": "v", "left to right": "u", "half a turn": "uv"}
+# Texels per side of assets.
+LEAST_RESOLUTION = 256
 _IMPERIAL = ("in", "ft")
 
 
@@ -101,6 +107,22 @@ class ScanCheck:
     mesh: Mesh
     unit: str
     settings: ScanSettings
+
+    def resolution(self) -> int:
+        """Texels per side to trace it at where nothing is said: the power of two from the longest
+        side of the maps on, but no more than is usual."""
+        side = max(max(map.shape) for map in self.scan.maps.values())
+        return min(max(1 << (side - 1).bit_length(), LEAST_RESOLUTION), AssetSettings().resolution)
+
+    def relief(self, resolution: int) -> ScanRelief:
+        """What is traced, at `resolution` texels per side, with the noise of its coarsest codes.
+        Raises InputError where there is no relief."""
+        scan = self.scan
+        reliefs = {udim: scan.relief(udim, resolution) for udim in scan.maps}
+        if not any(np.ptp(relief) > 0.0 for relief in reliefs.values()):
+            raise InputError("there is no relief in the scan: every texel has the same value")
+        steps = (one.step for one in self.maps if one.levels is not None)
+        return ScanRelief(reliefs, max(steps, default=0.0) / math.sqrt(12.0))
 
     @cached_property
     def maps(self) -> tuple[MapFacts, ...]:
