@@ -19,7 +19,6 @@ from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.generate import Synthesis, synthesize
-from rhytid.synthesis.leader_courses import STEP
 from rhytid.synthesis.leader_families import LONGEST, PREFERRED, SHORTEST
 from rhytid.synthesis.leaders import LeaderPores, Leaders, leaders_of, unit_length
 from rhytid.synthesis.painted_fields import fields_of
@@ -87,7 +86,7 @@ def test_they_run_across_what_is_compressed_and_nowhere_else(device: Device) -> 
 
 def test_they_are_long_uneven_and_smooth(device: Device) -> None:
     leaders, pores = flat(device)
-    length = (leaders.last - leaders.first) * STEP
+    length = (leaders.last - leaders.first) * PREFERRED.pace
     assert len(leaders) > 10
     assert length.min() >= SHORTEST
     assert length.max() <= LONGEST
@@ -120,11 +119,11 @@ def test_they_end_before_a_hook(device: Device, monkeypatch: pytest.MonkeyPatch)
     rows = np.stack([axis.real**2, axis.imag**2, 0 * turn, axis.real * axis.imag], axis=1)
     tensor = np.concatenate([rows, np.zeros((len(turn), 2))], axis=1) * 0.15**2
     leaders, _ = traced(device, MESH, Folds(tensor.astype(np.float32), ENOUGH))
-    steps = leaders.courses.there.shape[1]
-    ways = np.diff(leaders.courses.points.position.reshape(-1, steps, 3), axis=1)
-    turns = []
+    courses, turns = leaders.courses, []
     for row, first, last in zip(leaders.row, leaders.first, leaders.last, strict=True):
-        way = ways[row, first:last] / np.linalg.norm(ways[row, first:last], axis=1)[:, None]
+        start = courses.start[row]
+        way = np.diff(courses.points.position[start + first : start + last + 1], axis=0)
+        way /= np.linalg.norm(way, axis=1)[:, None]
         turns += np.degrees(np.arccos(np.clip((way[3:] * way[:-3]).sum(axis=1), -1, 1))).tolist()
     assert len(leaders) > 10
     assert max(turns) < 32.0
@@ -177,7 +176,7 @@ def test_they_cross_seams(device: Device, mesh: Mesh) -> None:
         apart = np.linalg.norm(np.diff(pores.points.position[of], axis=0), axis=1)
         assert apart.max() < 1.2 * 1.5 * 0.02
         jumps += int((np.abs(np.diff(pores.points.uv[of], axis=0)).max(axis=1) > 0.1).any())
-    assert jumps > 2
+    assert jumps > 1
 
 
 def test_the_same_seed_gives_the_same_and_another_others(device: Device) -> None:

@@ -33,14 +33,17 @@ class Fields:
 
     least_spacing, most_spacing: limits of `spacing`, above 0. Two pores stand apart by the radius
     times the mean of their factors.  detail: UV length within which spacing and bareness hardly
-    change.  some_bare: whether `bare` is true anywhere.  some_contrast: whether `contrast` differs
-    from 1 anywhere.  some_leading: whether `leading` differs from 0 anywhere.  usual_pore_radius:
-    `pore_radius` where nothing is painted.  most_events: of `events`.
+    change.  looks: at how many places from pore to pore the densest of a triangle is looked for;
+    below 1 where looking is dear and misses nothing.  some_bare: whether `bare` is true anywhere.
+    some_contrast: whether `contrast` differs from 1 anywhere.  some_leading: whether `leading`
+    differs from 0 anywhere.  usual_pore_radius: `pore_radius` where nothing is painted.
+    most_events: of `events`.
     """
 
     least_spacing = 1.0
     most_spacing = 1.0
     detail = float("inf")
+    looks = 1.0
     some_bare = False
     some_contrast = False
     some_leading = False

@@ -17,17 +17,24 @@ from rhytid.support import cancellation
 from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.fields import SmoothNoise, level_directions
 from rhytid.synthesis.hashes import Words, place_keys, unit_intervals
-from rhytid.synthesis.leader_families import FAMILIES, RINGS, Family
+from rhytid.synthesis.leader_families import FAMILIES, RINGS, SEEDS, Family
 from rhytid.synthesis.painted_fields import normals_at
 from rhytid.synthesis.pore_density import SPACING
 from rhytid.synthesis.pores import scatter_pores
 from rhytid.synthesis.progress import silent
 from rhytid.synthesis.seams.borders import NONE, Borders
 from rhytid.synthesis.seams.charts import side_at, trace
-from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface, joined
+from rhytid.synthesis.surface import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Points,
+    Surface,
+    joined,
+    taken,
+    unit,
+)
 
-# Millimetres from one point of a line to the next.
-STEP = 1.0
 # Shares of its length at which the seed of a line lies.
 _SEED_AT = (0.3, 0.7)
 # How far skin must have leaders for a line to begin, and to go on.
@@ -40,7 +47,7 @@ _HOOK, _HOOKED = 0.9, 3
 # Seams that one step may cross.
 _SEAMS = 3
 # Purposes of random numbers.
-_SEED, _NOISE, _SIZE = 0x51ED270B, 0x2545F491, 11
+_SEED, _NOISE, _SIZE, _THINNED = 0x51ED270B, 0x2545F491, 11, 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +56,8 @@ class Wishes:
 
     key (C,): a random word of each.  size (C,): 0 to 1.  apart (C,): from larger lines, on the
     surface.  before, after (C,): steps to either side of the seed.  least (C,): steps that are left
-    of it at least.  family (C,): its number.  broad, deep (C,): factors of how broad
-    and how deep it is.
+    of it at least.  family (C,): its number.  pace (C,): millimetres to a step.  broad, deep (C,):
+    factors of how broad and how deep it is.
     """
 
     key: Words
@@ -60,6 +67,7 @@ class Wishes:
     after: IntArray
     least: IntArray
     family: IntArray
+    pace: FloatArray
     broad: FloatArray
     deep: FloatArray
 
@@ -72,18 +80,18 @@ class Wishes:
         size = np.sqrt(leading) * (family.least + (1.0 - family.least) * one**1.7)
         more = (family.longest - family.shortest) * size**0.25
         length = family.shortest + more * (0.55 + 0.45 * two)
-        steps = np.minimum(length, family.longest) / STEP
+        steps = np.minimum(length, family.longest) / family.pace
         before = np.rint(steps * (_SEED_AT[0] + (_SEED_AT[1] - _SEED_AT[0]) * three))
         by_chance = family.chance[0] + family.chance[1] * four**2
         apart = (family.apart + family.farther * size) * by_chance * millimetre
         after = np.rint(steps) - before
         least, number = (
             np.full(len(key), value, np.int64)
-            for value in (int(family.shortest / STEP), family.number)
+            for value in (int(family.shortest / family.pace), family.number)
         )
         before, after = before.astype(np.int64), after.astype(np.int64)
-        broad, deep = np.full(len(key), family.broad), np.full(len(key), family.deep)
-        return cls(key, size, apart, before, after, least, number, broad, deep)
+        kind = (np.full(len(key), x) for x in (family.pace, family.broad, family.deep))
+        return cls(key, size, apart, before, after, least, number, *kind)
 
     @property
     def order(self) -> IntArray:
@@ -94,90 +102,70 @@ class Wishes:
 
 @dataclass(frozen=True, eq=False)
 class Courses:
-    """C lines of 2K + 1 points, K to either side of a seed, the point K; where a line ends before,
-    the rest is not there.
+    """C lines, each of some points to either side of its seed.
 
-    points: (C (2K + 1)), line after line.  way (C (2K + 1), 3): unit tangents at them, of either
-    sign.  there (C, 2K + 1): which of them exist.  step (C, 2K,
-    2): in UV from each point to the next, as it was walked, away from the seed.  length: on the
-    surface, from point to point.
+    points (N,): line after line.  start (C + 1,): where each line begins among them, and N.  seed
+    (C,): which of its points is the seed.  step (N, 2): in UV between each point and the next of
+    its line, from the one that is nearer to the seed.  millimetre: on the surface.
     """
 
     ground: Ground
     wishes: Wishes
     points: Points
-    way: FloatArray
-    there: BoolArray
+    start: IntArray
+    seed: IntArray
     step: FloatArray
-    length: float
-
-    def index(self, row: IntArray | int, at: IntArray) -> IntArray:
-        """The points with numbers `at` of the lines `row`."""
-        found: IntArray = row * self.there.shape[1] + at
-        return found
+    millimetre: float
 
     @classmethod
     def traced(cls, ground: Ground, millimetre: float, seed: int) -> Courses:
         """Lines from seeds all over the skin that has leaders, family after family."""
-        return cls.joined([cls.of(ground, millimetre, seed, family) for family in FAMILIES])
+        radius = SEEDS * millimetre / SPACING
+        seeds = scatter_pores(ground.work, ground.surface, radius, seed ^ _SEED, silent)
+        key = place_keys(seeds.uv)
+        parts = [_Tracer(ground, millimetre, seed, f).courses(seeds, key) for f in FAMILIES]
+        return cls.joined(parts)
 
     @classmethod
     def joined(cls, parts: Sequence[Courses]) -> Courses:
         """The lines of all, part after part."""
-        most = max(part.half for part in parts)
-        parts = [part.padded(most) for part in parts]
-        one, way = parts[0], np.concatenate([part.way for part in parts])
-        there, step = (
-            np.concatenate([getattr(part, name) for part in parts]) for name in ("there", "step")
-        )
-        wishes = joined([part.wishes for part in parts])
-        points = joined([part.points for part in parts])
-        return cls(one.ground, wishes, points, way, there, step, one.length)
+        one, seed = parts[0], np.concatenate([part.seed for part in parts])
+        count = np.concatenate([np.diff(part.start) for part in parts])
+        step = np.concatenate([part.step for part in parts])
+        wishes, points = (joined([getattr(p, n) for p in parts]) for n in ("wishes", "points"))
+        return cls(one.ground, wishes, points, starts(count), seed, step, one.millimetre)
 
     @property
-    def half(self) -> int:
-        """K."""
-        return int(self.there.shape[1] // 2)
+    def line(self) -> IntArray:
+        """(N,) the line of each point."""
+        return np.repeat(np.arange(len(self.seed)), np.diff(self.start))
 
-    def padded(self, half: int) -> Courses:
-        """The same lines with `half` points to either side of the seed, at least K."""
-        more, width = half - self.half, self.there.shape[1]
-        at = np.clip(np.arange(2 * half + 1) - more, 0, width - 1)
-        index = (np.arange(len(self.there))[:, None] * width + at).reshape(-1)
-        there = np.pad(self.there, ((0, 0), (more, more)))
-        step = np.pad(self.step, ((0, 0), (more, more), (0, 0)))
-        points, way = self.points.take(index), self.way[index]
-        return Courses(self.ground, self.wishes, points, way, there, step, self.length)
-
-    @classmethod
-    def of(cls, ground: Ground, millimetre: float, seed: int, family: Family) -> Courses:
-        """Lines of one family."""
-        seeds, leading = _seeds(ground, millimetre, seed, family)
-        wishes = Wishes.of(place_keys(seeds.uv), leading, millimetre, seed ^ family.number, family)
-        tracer = _Tracer(ground, millimetre, seed, family)
-        back = tracer.traced(seeds, -1.0, wishes.before)
-        ahead = tracer.traced(seeds, 1.0, wishes.after)
-        triangle, uv, there = (
-            np.concatenate([one[:, :0:-1], two], axis=1)
-            for one, two in zip(back[:3], ahead[:3], strict=True)
-        )
-        step = np.concatenate([back[3][:, ::-1], ahead[3]], axis=1)
-        triangle, uv = triangle.reshape(-1), uv.reshape(-1, 2)
-        points, way = points_at(ground, triangle, uv), tracer.axes(triangle, uv)[0]
-        return cls(ground, wishes, points, way, there, step, STEP * millimetre)
+    @property
+    def ways(self) -> FloatArray:
+        """(N, 3) unit tangents at the points."""
+        line, at, place = self.line, np.arange(len(self.points)), self.points.position
+        before, after = np.maximum(at - 1, self.start[line]), at + 1
+        after = np.minimum(after, self.start[line + 1] - 1)
+        return unit(place[after] - place[before])
 
     def between(self, row: IntArray, at: FloatArray) -> Points:
         """Points of lines `row` (Q,) at `at` (Q,), counted in points."""
-        half = self.half
-        before = np.clip(np.floor(at).astype(np.int64), 0, 2 * half - 1)
-        share, ahead = at - before, before >= half
-        start = self.index(row, np.where(ahead, before, before + 1))
+        last = np.diff(self.start)[row] - 1
+        before = np.clip(np.floor(at).astype(np.int64), 0, last - 1)
+        share, ahead = at - before, before >= self.seed[row]
+        start = self.start[row] + np.where(ahead, before, before + 1)
         share = np.where(ahead, share, 1.0 - share)
         triangle, uv, _ = _walked(
             self.ground, self.points.triangle[start], self.points.uv[start].astype(np.float64),
-            self.step[row, before] * share[:, None],
+            self.step[self.start[row] + before] * share[:, None],
         )  # fmt: skip
         return points_at(self.ground, triangle, uv)
+
+
+def starts(count: IntArray) -> IntArray:
+    """(C + 1,) where parts of `count` (C,) rows each begin, one after the other, and the end."""
+    found: IntArray = np.append(0, np.cumsum(count))
+    return found
 
 
 def points_at(ground: Ground, triangle: IntArray, uv: FloatArray) -> Points:
@@ -227,49 +215,69 @@ def _over(
     return rows
 
 
-def _seeds(
-    ground: Ground, millimetre: float, seed: int, family: Family
-) -> tuple[Points, FloatArray]:
-    """Seeds evenly over the surface, of these the ones where skin has leaders, and how far."""
-    radius, seed = family.seeds * millimetre / SPACING, seed ^ _SEED ^ family.number
-    found = scatter_pores(ground.work, ground.surface, radius, seed, silent)
-    leading = family.leading(ground.fields, found.triangle, found.uv)
-    begins = leading >= _BEGINS
-    return found.take(begins), leading[begins].astype(np.float64)
-
-
 class _Tracer:
-    """The directions that leaders take, and steps along them."""
+    """Traces the lines of a family: the directions that they take, and steps along them."""
 
     def __init__(self, ground: Ground, millimetre: float, seed: int, family: Family) -> None:
-        self._ground, self._family, self._step_length = ground, family, STEP * millimetre
+        self._ground, self._family, self._millimetre = ground, family, millimetre
+        self._seed = seed ^ family.number
         rng = np.random.default_rng([seed, _NOISE])
         self._winding = [(bend, SmoothNoise(mm * millimetre, rng)) for bend, mm in family.winding]
-        self._to_uv = np.linalg.pinv(ground.surface.jacobian)
 
-    def traced(
-        self, seeds: Points, side: float, steps: IntArray
-    ) -> tuple[IntArray, FloatArray, BoolArray, FloatArray]:
-        """(C, K + 1) triangles, (C, K + 1, 2) uv, (C, K + 1) whether the line goes so far, and
-        (C, K, 2) UV steps.
+    def courses(self, seeds: Points, key: Words) -> Courses:
+        """Lines from those of the seeds where skin has leaders, as far as they get long enough.
 
-        side: 1 along the directions, -1 the other way.  steps (C,): at most.
+        key (N,): a random word of each seed.
         """
-        count, most = len(seeds), int(self._family.longest * _SEED_AT[1] / STEP) + 1
-        triangle = np.repeat(seeds.triangle.astype(np.int64)[:, None], most + 1, axis=1)
-        uv = np.repeat(seeds.uv.astype(np.float64)[:, None], most + 1, axis=1)
-        step, there = np.zeros((count, most, 2)), np.zeros((count, most + 1), np.bool_)
-        there[:, 0] = True
-        axis, field = self.axes(triangle[:, 0], uv[:, 0])
-        going, heading = np.arange(count), side * axis
-        # Of the last points, the first the farthest back.
-        passed = np.repeat(field[None], _HOOKED, axis=0)
+        leading = self._family.leading(self._ground.fields, seeds.triangle, seeds.uv)
+        begins = np.flatnonzero((leading >= _BEGINS) & self._drawn(key))
+        key, far = key[begins], leading[begins].astype(np.float64)
+        wishes = Wishes.of(key, far, self._millimetre, self._seed, self._family)
+        return self._joined(wishes, *self._traced(seeds.take(begins), wishes))
+
+    def _drawn(self, key: Words) -> BoolArray:
+        """Of seeds, those that are seeds of this family."""
+        share = min((SEEDS / self._family.seeds) ** 2, 1.0)
+        return np.asarray(unit_intervals(key, _THINNED, self._seed)[0] < share)
+
+    def _joined(
+        self, wishes: Wishes, triangle: IntArray, uv: FloatArray, step: FloatArray, gone: IntArray
+    ) -> Courses:
+        """Lines from both of their sides; what is too short is left out."""
+        back, ahead = gone.reshape(2, -1)
+        long = np.flatnonzero(back + ahead >= wishes.least)
+        count, seed = (back + ahead)[long] + 1, back[long]
+        start, line = starts(count), np.repeat(np.arange(len(long)), count)
+        at = np.arange(len(line)) - (start[:-1] + seed)[line]
+        side = long[line] + np.where(at < 0, 0, len(back))
+        nearer = np.where(at < 0, -at - 1, at)
+        points = points_at(self._ground, triangle[side, np.abs(at)], uv[side, np.abs(at)])
+        found, step = taken(wishes, long), step[side, nearer]
+        return Courses(self._ground, found, points, start, seed, step, self._millimetre)
+
+    def _traced(
+        self, seeds: Points, wishes: Wishes
+    ) -> tuple[IntArray, FloatArray, FloatArray, IntArray]:
+        """(2C, K + 1) triangles, (2C, K + 1, 2) uv and UV steps from there, and (2C,) how many
+        steps each goes: first all sides against the directions, then all along them."""
+        steps = np.concatenate([wishes.before, wishes.after])
+        count, most = len(steps), int(steps.max(initial=0))
+        triangle = np.zeros((count, most + 1), np.int64)
+        uv, step = np.zeros((2, count, most + 1, 2))
+        triangle[:, 0], uv[:, 0] = np.tile(seeds.triangle, 2), np.tile(seeds.uv, (2, 1))
+        gone, going = np.zeros(count, np.int64), np.arange(count)
+        heading = passed = np.empty(0)
         for k in range(most):
             cancellation.check()
             further = steps[going] > k
-            going, heading = going[further], heading[further]
+            going, heading = going[further], heading[further] if k else heading
             at, where = triangle[going, k], uv[going, k]
-            axis, field = self.axes(at, where)
+            axis, field = self._axes(at, where)
+            if k == 0:
+                heading = axis * np.where(going < count // 2, -1.0, 1.0)[:, None]
+                # Of the last points, the first the farthest back.
+                passed = np.zeros((_HOOKED, count, 3))
+                passed[:, going] = field
             straight = _along(axis, heading) >= _WHIRL
             straight &= _along(field, passed[0, going]) >= _HOOK
             heading = axis * np.where(np.einsum("nx,nx->n", axis, heading) < 0, -1.0, 1.0)[:, None]
@@ -279,10 +287,10 @@ class _Tracer:
             goes = arrived & straight & self._goes_on(to, place)
             going, heading = going[goes], heading[goes]
             triangle[going, k + 1], uv[going, k + 1] = to[goes], place[goes]
-            there[going, k + 1] = True
-        return triangle, uv, there, step
+            gone[going] = k + 1
+        return triangle, uv, step, gone
 
-    def axes(self, triangle: IntArray, uv: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _axes(self, triangle: IntArray, uv: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(N, 3) unit tangents along the lines that leaders follow, and those of the field about
         which these wind."""
         surface, fields = self._ground.surface, self._ground.fields
@@ -297,9 +305,16 @@ class _Tracer:
         return _turned(level, beside, angle), straight
 
     def _step(self, triangle: IntArray, heading: FloatArray) -> FloatArray:
-        step = np.einsum("ncx,nx->nc", self._to_uv[triangle], heading)
+        """(N, 2) UV steps of one pace along the triangles, as near to directions (N, 3) as these
+        go."""
+        u, v = np.moveaxis(self._ground.surface.jacobian[triangle], -1, 0)
+        uu, uv, vv = (np.einsum("nx,nx->n", *pair) for pair in ((u, u), (u, v), (v, v)))
+        a, b = (np.einsum("nx,nx->n", axis, heading) for axis in (u, v))
+        # Least squares, but for a factor that the length takes out.
+        step = np.stack([vv * a - uv * b, uu * b - uv * a], axis=-1)
         along = np.linalg.norm(self._ground.surface.along(triangle, step), axis=-1)
-        found: FloatArray = step * (self._step_length / np.maximum(along, 1e-12))[:, None]
+        pace = self._family.pace * self._millimetre
+        found: FloatArray = step * (pace / np.maximum(along, 1e-300))[:, None]
         return found
 
     def _goes_on(self, triangle: IntArray, uv: FloatArray) -> BoolArray:

@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from rhytid.synthesis.fields import Factors, Fields
 
-# Millimetres: the shortest leader along the preferred directions, and the longest.
+# Millimetres: the shortest leader along the preferred directions, and the longest; from one seed of
+# leaders to the next.
 SHORTEST, LONGEST = 7.0, 20.0
+SEEDS = 3.2
 Values = Callable[[Fields, NDArray[Any], NDArray[Any]], Factors]
 
 
@@ -27,17 +29,19 @@ class Family:
 
     leading: (N,) how far skin has them, at triangles (N,) and uv (N, 2).  turn: (N,) radians to the
     left from the level direction to them.  number: of the family.  seeds: millimetres from seed
-    to seed.  shortest, longest: millimetres.  apart, farther: millimetres between small ones, and
-    how much farther the largest are from others.  least: size of the smallest, 0 to 1.  chance: the
-    least factor of the distance, and how much larger it may be.  broad, deep: factors of how broad
-    and how deep they are.  winding: how far they wind about their direction, radians, and over
-    which lengths, millimetres.
+    to seed, SEEDS or more.  pace: millimetres from point to point along them.  shortest, longest:
+    millimetres.  apart, farther: millimetres between small ones, and how much farther the largest
+    are from others.  least: size of the smallest, 0 to 1.  chance: the least factor of the
+    distance, and how much larger it may be.  broad, deep: factors of how broad and how deep they
+    are.  winding: how far they wind about their direction, radians, and over which lengths,
+    millimetres.
     """
 
     leading: Values
     turn: Values
     number: int = 0
-    seeds: float = 2.4
+    seeds: float = SEEDS
+    pace: float = 1.0
     shortest: float = SHORTEST
     longest: float = LONGEST
     apart: float = 2.6
@@ -69,7 +73,8 @@ RINGS = Family(
     lambda f, *place: f.rings(*place),
     _level,
     number=2,
-    seeds=5.0,
+    seeds=10.0,
+    pace=3.0,
     shortest=45.0,
     longest=140.0,
     apart=19.0,

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 import scipy
@@ -19,7 +18,7 @@ from rhytid.domain.lengths import SKIN, millimetres
 from rhytid.support import cancellation
 from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.hashes import unit_intervals
-from rhytid.synthesis.leader_courses import STEP, Courses
+from rhytid.synthesis.leader_courses import Courses, starts
 from rhytid.synthesis.leader_families import RINGS, leading_of
 from rhytid.synthesis.pore_density import spacings
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, unit
@@ -37,6 +36,8 @@ _TAPER, _ENDS = 0.25, 0.4
 # Amplitude of the waves of depth along a line, and their lengths, millimetres: from, and by chance
 # how much longer.
 _UNEVEN, _WAVES = 0.16, ((1.0, 0.9), (2.4, 2.5), (7.0, 6.0))
+# Points of a chosen line around which others are looked for at a time.
+_TOGETHER = 16
 # Runs of true values in an array of them: of a few tens, searched as text they are found soonest.
 _RUNS = re.compile(b"\x01+")
 # Purposes of random numbers, the first of one for each wave.
@@ -91,7 +92,7 @@ def unit_length(name: str | None, spacing: float) -> float:
 class Leaders:
     """Traced lines that were chosen.
 
-    row (L,): the course of each leader.  first, last (L,): the points between which
+    row (L,): the course of each leader.  first, last (L,): the points of the course between which
     it runs.
     """
 
@@ -131,21 +132,23 @@ class Leaders:
         """(Q,) the leader of each pore, and (Q,) where on it the pore lies, counted in points of
         its course."""
         count = self.last - self.first + 1
-        line = np.repeat(np.arange(len(self)), count)
-        at = np.arange(len(line)) - np.repeat(np.cumsum(count) - count - self.first, count)
-        points = self.courses.points.take(self.courses.index(self.row[line], at))
+        line, start = np.repeat(np.arange(len(self)), count), starts(count)
+        at = np.arange(len(line)) - (start[:-1] - self.first)[line]
+        points = self.courses.points.take(self.courses.start[self.row[line]] + at)
         pace = _PACE * radius * spacings(self.courses.ground.fields, points.triangle, points.uv)
-        parts = np.split(self.courses.length / pace, np.cumsum(count)[:-1])
+        length = self.courses.millimetre * self.courses.wishes.pace[self.row[line]]
+        parts = np.split(length / pace, start[1:-1])
         places = [_evenly(part, first) for part, first in zip(parts, self.first, strict=True)]
         of = np.repeat(np.arange(len(self)), [len(part) for part in places])
         return of, np.concatenate([np.empty(0), *places])
 
     def _uneven(self, line: IntArray, where: FloatArray) -> FloatArray:
         """(Q,) factors of the depth along each line, about 1: waves with phases of its own."""
-        key, waves = self.courses.wishes.key[self.row[line]], np.zeros(len(where))
+        wishes, waves = self.courses.wishes, np.zeros(len(where))
+        key, along = wishes.key[self.row[line]], where * wishes.pace[self.row[line]]
         for salt, (least, more) in enumerate(_WAVES, _WAVY):
             phase, longer = unit_intervals(key, salt, self.seed)[:2]
-            waves += np.sin(2 * np.pi * (where * STEP / (least + more * longer) + phase))
+            waves += np.sin(2 * np.pi * (along / (least + more * longer) + phase))
         uneven: FloatArray = 1.0 + _UNEVEN * waves
         return uneven
 
@@ -172,21 +175,23 @@ def _taper(share: FloatArray) -> FloatArray:
 def _chosen(courses: Courses) -> tuple[IntArray, IntArray, IntArray]:
     """Lines that become leaders, and the first and the last point of each: one after the other,
     each where it is far enough from all before it."""
-    free, width = courses.there.copy(), courses.there.shape[1]
-    beside = _Beside(courses)
+    free, start = np.ones(len(courses.points), np.bool_), courses.start.tolist()
+    beside, every = _Beside(courses), courses.wishes.least.tolist()
     rows, spans = [], []
-    for row in courses.wishes.order:
-        cancellation.check()
-        least = courses.wishes.least[row]
-        if np.count_nonzero(free[row]) <= least:
+    for row in courses.wishes.order.tolist():
+        own, least = free[start[row] : start[row + 1]], every[row]
+        if np.count_nonzero(own) <= least:
             continue
-        first, last = _longest_run(free[row])
+        cancellation.check()
+        first, last = _longest_run(own)
         if last - first < least:
             continue
         rows.append(row)
         spans.append((first, last))
-        taken = beside.of(row, np.arange(first, last + 1))
-        free[taken // width, taken % width] = False
+        for at in range(start[row] + first, start[row] + last + 1, _TOGETHER):
+            free[beside.of(row, slice(at, min(at + _TOGETHER, start[row] + last + 1)), free)] = (
+                False
+            )
     found = np.array(spans, np.int64).reshape(-1, 2)
     return np.array(rows, np.int64), found[:, 0], found[:, 1]
 
@@ -203,31 +208,44 @@ class _Beside:
     """Finds the points of lines that are too near to a chosen one."""
 
     def __init__(self, courses: Courses) -> None:
-        self._courses, self._there = courses, np.flatnonzero(courses.there.reshape(-1))
-        self._position = courses.points.position[self._there]
-        self._way = courses.way[self._there]
-        self._normal = courses.points.normal[self._there].astype(np.float64)
-        self._apart = courses.wishes.apart[self._there // courses.there.shape[1]]
-        family = courses.wishes.family[self._there // courses.there.shape[1]]
-        self._ring = family == RINGS.number
-        self._tree = scipy.spatial.cKDTree(self._position)
+        self._position, self._way = courses.points.position, courses.ways
+        self._normal = courses.points.normal.astype(np.float64)
+        line, wishes = courses.line, courses.wishes
+        self._reach, self._ring = wishes.apart, wishes.family == RINGS.number
+        self._apart, self._of_rings = wishes.apart[line], self._ring[line]
+        # A tree whose points are left one after the other is not worth balancing.
+        quick = {"balanced_tree": False, "compact_nodes": False}
+        self._tree = scipy.spatial.cKDTree(self._position, **quick)
 
-    def of(self, row: int, at: IntArray) -> IntArray:
-        """Numbers of the points that lie too near to the points `at` of a line, but those of
-        lines that cross it."""
-        points = self._courses.points.take(self._courses.index(row, at))
-        reach = self._courses.wishes.apart[row]
-        near = self._tree.query_ball_point(points.position, reach, return_sorted=False)
-        of = np.repeat(np.arange(len(at)), [len(found) for found in near])
-        found = np.fromiter(chain.from_iterable(near), np.int64, len(of))
-        apart = self._position[found] - points.position[of]
-        tangent = unit(np.gradient(points.position, axis=0))
-        along = np.einsum("nx,nx->n", apart, tangent[of])
-        distance = np.sqrt((apart**2).sum(axis=1) + (_ALONG**2 - 1.0) * along**2)
-        limit = np.minimum(self._apart[found], reach)
-        alike = self._ring[found] == (self._courses.wishes.family[row] == RINGS.number)
+    def of(self, row: int, points: slice, free: BoolArray) -> IntArray:
+        """Numbers of the free points that lie too near to some that follow one another on a line,
+        but those of lines that cross it."""
+        place, way, reach = self._position[points], self._way[points], self._reach[row]
+        near = self._near(place, reach)
+        near = near[free[near]]
+        alike = self._of_rings[near] == self._ring[row]
+        limit = np.minimum(self._apart[near], reach)
         limit = np.where(alike, np.maximum(limit, _BESIDE * reach), limit)
-        facing = np.einsum("nx,nx->n", self._normal[found], points.normal[of]) > 0
-        beside = np.abs(np.einsum("nx,nx->n", self._way[found], tangent[of])) > _CROSSES
-        taken: IntArray = self._there[found[(distance < limit) & facing & beside]]
+        apart = self._position[near][:, None] - place
+        along = np.einsum("mpx,px->mp", apart, way)
+        distance = np.einsum("mpx,mpx->mp", apart, apart) + (_ALONG**2 - 1.0) * along**2
+        one, two = np.nonzero(distance < (limit**2)[:, None])
+        of, other = near[one], np.arange(points.start, points.stop)[two]
+        facing = np.einsum("nx,nx->n", self._normal[of], self._normal[other]) > 0
+        beside = np.abs(np.einsum("nx,nx->n", self._way[of], self._way[other])) > _CROSSES
+        taken: IntArray = of[facing & beside]
         return taken
+
+    def _near(self, line: FloatArray, reach: float) -> IntArray:
+        """Numbers of the points in a cylinder around a line (P, 3), which has all within reach."""
+        centre, chord = 0.5 * (line[0] + line[-1]), unit(line[-1:] - line[:1])[0]
+
+        def beside(place: FloatArray) -> tuple[FloatArray, FloatArray]:
+            apart = place - centre
+            square = np.einsum("nx,nx->n", apart, apart)
+            return square, square - np.einsum("nx,x->n", apart, chord) ** 2
+
+        ball, cylinder = (float(np.sqrt(max(s.max(), 0.0))) + reach for s in beside(line))
+        near = np.array(self._tree.query_ball_point(centre, ball, return_sorted=False), np.int64)
+        found: IntArray = near[beside(self._position[near])[1] < cylinder**2]
+        return found

@@ -40,6 +40,8 @@ _FOLDED_BEND = 0.3
 _FOLDED_SWAY = 0.5
 # How much more anisotropy counts where a direction is painted.
 _PAINTED_HOLD = 1.0
+# The `looks` of fields with patches, the smallest of which are 2 mm wide.
+_PATCHED_LOOKS = 0.5
 _FACTORS = ("density", "strength", "anisotropy", "scale", "pore_radius")
 # What regions have that is no factor, and mixed as it is.
 _PLAIN = ("turn", "crossed", "rings")
@@ -112,6 +114,8 @@ class PaintedFields(Fields):
             details.append(folds.detail)
         if patches is not None:
             details.append(patches.detail)
+            # With what is painted as without, or paint in one place would move pores in another.
+            self.looks = _PATCHED_LOOKS
         self.detail = min(details, default=float("inf"))
         base = known[settings.region]
         self.usual_pore_radius = settings.pore_radius * base.pore_radius * base.density**-0.5

@@ -59,7 +59,7 @@ class Patches:
     def __init__(self, surface: Surface, seed: int, wave: float) -> None:
         self._seed, self.size = seed, wave * surface.scale
         self._planes = _planes(surface, wave / CELLS_OF_WAVE)
-        self._laid: tuple[int, FloatArray] | None = None
+        self._laid: tuple[int, Factors] | None = None
         length = float(np.sqrt(np.median(surface.density[surface.carries])))
         self.detail = wave / CELLS_OF_WAVE / length
 
@@ -112,15 +112,16 @@ class Patches:
         found = np.empty(len(triangle), np.float32)
         for start in range(0, len(triangle), _ROWS):
             rows = slice(start, start + _ROWS)
-            plane, (u, v) = planes.take(triangle[rows], axis=1), np.ascontiguousarray(uv[rows].T)
+            plane, (u, v) = planes.take(triangle[rows], axis=0).T, np.ascontiguousarray(uv[rows].T)
             found[rows] = _interpolated(
                 *(plane[i] * u + plane[3 + i] * v + plane[6 + i] for i in range(3))
             )
         return found
 
-    def _in_table(self, salt: int) -> FloatArray:
-        """(9, F) `_planes` as the field of a salt lies in the table. That of the last is kept:
-        densities are asked for at millions of places one after the other."""
+    def _in_table(self, salt: int) -> Factors:
+        """(F, 9) `_planes` as the field of a salt lies in the table, in single precision: 1e-4 of a
+        cell at most on a face. That of the last is kept: densities are asked for at millions of
+        places one after the other."""
         if self._laid is None or self._laid[0] != salt:
             rows = placement(self._seed, salt)
             # One by one: a matrix product may round a row by where in the array it is.
@@ -131,7 +132,7 @@ class Patches:
                 ]
             )
             laid[2] += np.array(rows)[:, 3:]
-            self._laid = salt, laid.reshape(9, -1)
+            self._laid = salt, np.ascontiguousarray(laid.reshape(9, -1).T, np.float32)
         return self._laid[1]
 
 
@@ -150,14 +151,14 @@ def _with_least(name: str, factor: Factors) -> Factors:
     return factor
 
 
-def _interpolated(x: FloatArray, y: FloatArray, z: FloatArray) -> Factors:
+def _interpolated(x: Factors, y: Factors, z: Factors) -> Factors:
     """(N,) values of the table at places in cells, which it overwrites, linear between its
     nodes."""
     values, cell, shares = table().ravel(), np.zeros(len(x), np.int64), []
     for at in (x, y, z):
         low = np.floor(at)
         at -= low
-        shares.append(at.astype(np.float32))
+        shares.append(at)
         cell *= _ROW
         cell += low.astype(np.int64) & (CELLS - 1)
     between = [values.take(cell + corner) for corner in _CORNERS]

@@ -92,7 +92,8 @@ def effective_area(surface: Surface, fields: Fields) -> float:
 def densities(
     surface: Surface, fields: Fields, carriers: NDArray[np.intp], radius: float
 ) -> tuple[FloatArray, FloatArray]:
-    """`relative_densities` (C,) of triangles that are sampled every `radius`.
+    """`relative_densities` (C,) of triangles that are sampled every `radius`, or as many times less
+    often as the `looks` of the fields say.
 
     The result for a triangle depends on nothing but what is painted on it.
     """
@@ -100,7 +101,7 @@ def densities(
         return relative_densities(surface, fields, carriers, np.ones(len(carriers), np.int64))
     corners = surface.corners[carriers]
     longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=-1).max(axis=1)
-    return relative_densities(surface, fields, carriers, _powers(longest / radius))
+    return relative_densities(surface, fields, carriers, _powers(longest * fields.looks / radius))
 
 
 def relative_densities(
