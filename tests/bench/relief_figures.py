@@ -28,6 +28,7 @@ from scipy.ndimage import gaussian_filter
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from rhytid.baking.input_files import mesh_file
+from rhytid.meshes.relief import levelled
 from rhytid.pictures.surface_patch import Frame, surface_patch
 from rhytid_lab.plots import Point, curves
 
@@ -88,7 +89,7 @@ def patch(
     heights = seen.heights(
         _relief(relief, 1000 * unit if relief.suffix == ".exr" else float(per_code))
     )
-    return Patch(name, _flat(heights), side / PIXELS)
+    return Patch(name, levelled(heights), side / PIXELS)
 
 
 def _relief(file: Path, step: float) -> NDArray[np.float64]:
@@ -98,13 +99,6 @@ def _relief(file: Path, step: float) -> NDArray[np.float64]:
             return found.channels()["Y"].pixels.astype(np.float64) * step
     with Image.open(file) as image:
         return (np.asarray(image.convert("L"), np.float64) - 128) * step
-
-
-def _flat(heights: NDArray[np.float64]) -> NDArray[np.float64]:
-    y, x = np.mgrid[-1 : 1 : PIXELS * 1j, -1 : 1 : PIXELS * 1j].reshape(2, -1)
-    form = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    found, *_ = np.linalg.lstsq(form, heights.ravel(), rcond=None)
-    return heights - (form @ found).reshape(heights.shape)
 
 
 def spectrum(patches: list[Patch]) -> list[Point]:

@@ -23,6 +23,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import millimetres
 from rhytid.domain.tiles import busiest_udim
 from rhytid.engine.engine import open_device
+from rhytid.meshes.relief import levelled
 from rhytid.pipeline.folds import measured_folds
 from rhytid.support.settings import ServiceSettings
 from rhytid.synthesis.generate import synthesize
@@ -42,14 +43,6 @@ def rough(heights: Heights) -> tuple[float, float, float]:
         float(np.ptp(level, -1).mean()),
         float(np.ptp(upright, 1).mean()),
     )
-
-
-def plane_free(heights: Heights) -> Heights:
-    """What is left of a patch after its plane of least squares."""
-    rows, columns = np.indices(heights.shape).reshape(2, -1)
-    ground = np.stack([rows, columns, np.ones_like(rows)], axis=1).astype(np.float64)
-    fitted = ground @ np.linalg.lstsq(ground, heights.ravel(), rcond=None)[0]
-    return heights - fitted.reshape(heights.shape)
 
 
 def main() -> None:
@@ -77,7 +70,7 @@ def main() -> None:
         with resident(device, mesh, made.graph, settings) as asset:
             drawn = drawn_under(asset, udim, [v.surface for v in views], lambda *_: None)
         for view in views:
-            found = rough(plane_free(view.surface.heights(drawn) * micrometres))
+            found = rough(levelled(view.surface.heights(drawn) * micrometres, 1))
             figures = ", ".join(f"{value:5.1f}" for value in found)
             sys.stdout.write(f"{view.region:12} {age:3g} years: Sa, Rz, Rz upright {figures}\n")
 

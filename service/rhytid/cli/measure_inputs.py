@@ -1,0 +1,137 @@
+"""What `rhytid measure` measures: the places, and the skin or the scan at them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import replace
+
+from rhytid.baking.assets import build
+from rhytid.baking.frames import FrameFiles
+from rhytid.baking.input_files import graph_file, shape_files
+from rhytid.baking.inputs import new_asset
+from rhytid.baking.run_warnings import RunWarnings
+from rhytid.cli.measure_patches import Heights, Place, Positions, Source, of_asset, of_scan
+from rhytid.cli.options import cache_clip, length_unit, service_settings
+from rhytid.cli.preview import skin_views
+from rhytid.cli.preview_spots import flat_spots, spot_at
+from rhytid.cli.scan_options import checked_scan
+from rhytid.cli.skin_options import given_settings, skin_request
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.expressions import expressions_for_lines
+from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
+from rhytid.domain.tiles import busiest_udim, triangles_inside
+from rhytid.engine.engine import Engine, open_device
+from rhytid.errors import InputError
+from rhytid.formats.meshes import MeshFile
+from rhytid.pictures.surface_patch import Frame
+from rhytid.pipeline.folds import measured_folds
+from rhytid.support.console import share_bar
+from rhytid.support.settings import ServiceSettings
+from rhytid.support.temporary_folders import temporary_folder
+from rhytid.synthesis.workspace import directly
+
+
+def unit_of(arguments: argparse.Namespace, read: MeshFile) -> str:
+    """The unit of the mesh: of `--unit`, of `--settings`, of the graph, of the file, or the usual
+    one."""
+    given = arguments.unit or given_settings(arguments).get("unit")
+    if given is None and arguments.graph is not None:
+        origin = graph_file(arguments.graph).origin
+        given = None if origin is None else origin.unit
+    return str(given or length_unit(arguments, read))
+
+
+def _unit_mm(unit: str) -> float:
+    return millimetres(unit) or MILLIMETRES[USUAL_UNIT]
+
+
+def places_of(arguments: argparse.Namespace, read: MeshFile, unit: str) -> list[Place]:
+    """The patches that are asked for; else the flattest places. Raises InputError naming a place
+    that is not on the mesh."""
+    mesh, degrees = read.mesh, arguments.along
+    side = arguments.size / _unit_mm(unit)
+    found = _regions(arguments, read, unit, side) if arguments.place else []
+    for one in arguments.patch:
+        found += Place.all(spot_at(mesh, one, side), mesh, degrees)
+    if not found:
+        found = Place.all(flat_spots(mesh, [side]), mesh, degrees)
+    if not found:
+        raise InputError(
+            f"no patch of {arguments.size:g} mm lies flat on the mesh: give --patch, or a smaller "
+            "--size"
+        )
+    return found
+
+
+def _regions(arguments: argparse.Namespace, read: MeshFile, unit: str, side: float) -> list[Place]:
+    """Patches of the regions that named expressions show."""
+    mesh, settings = read.mesh, AssetSettings()
+    shapes = shape_files(arguments.shapes, read, cache_clip(arguments))
+    expressions = expressions_for_lines(arguments.lines, shapes)
+    if expressions is None:
+        raise InputError("--place needs expressions of known names: give --shapes, or --patch")
+    device = open_device(ServiceSettings.from_environment(), arguments.device)
+    limit, udim = settings.response.log_stretch_limit, busiest_udim(mesh)
+    with share_bar("folds") as show:
+        folds = measured_folds(device, mesh, expressions, limit, unit, show, directly)
+    masks = {} if folds is None else folds.regions
+    if missing := [name for name in arguments.place if name not in masks]:
+        there = ", ".join(masks) or "none"
+        raise InputError(f"--place {missing[0]}: the expressions show no such region: {there}")
+
+    assert folds is not None
+    views = {view.region: view for view in skin_views(mesh, folds, udim, side)}
+    corners = mesh.positions[mesh.faces[triangles_inside(mesh, udim)]].astype(float)
+    return [
+        Place.of(name, mesh, udim, Frame.of(corners[views[name].triangle]), arguments.along)
+        for name in arguments.place
+    ]
+
+
+@contextmanager
+def heights_of(
+    arguments: argparse.Namespace, read: MeshFile, unit: str, warnings: RunWarnings
+) -> Iterator[Heights]:
+    """The heights of patches, of skin that is grown or of a scan."""
+
+    def heights(source: Source) -> Heights:
+        return Heights(
+            read.mesh, source, arguments.size, _unit_mm(unit), arguments.form, arguments.cutoff
+        )
+
+    if arguments.scan:
+        scan = checked_scan(arguments, arguments.scan, read.mesh, unit, warnings).scan
+        yield heights(of_scan(scan))
+    else:
+        with _grown(arguments, read, unit, warnings) as source:
+            yield heights(source)
+
+
+@contextmanager
+def _grown(
+    arguments: argparse.Namespace, read: MeshFile, unit: str, warnings: RunWarnings
+) -> Iterator[Source]:
+    """The displacement of the skin that the arguments ask for, in a store that is removed."""
+    request = skin_request(arguments)
+    settings = AssetSettings.parse(
+        request.settings if arguments.graph else {"unit": unit, **request.settings}
+    )
+    warnings.inputs(read.mesh, arguments.mesh.name, settings.length_unit, settings.resolution)
+    new = new_asset(request, read, settings, cache_clip(arguments), warnings)
+    with temporary_folder("rhytid-") as folder:
+        service = replace(service_settings(folder, arguments.device, None), build_seconds=None)
+        with closing(Engine(service)) as engine:
+            yield of_asset(engine, build(engine, new, warnings))
+
+
+def frame_of(arguments: argparse.Namespace, read: MeshFile) -> Positions | None:
+    """The positions of the frame that is asked for; None where there is none."""
+    if arguments.frames is None and arguments.frame is None:
+        return None
+    files = [] if arguments.frames is None else [arguments.frames]
+    frames, number = FrameFiles(read, files, cache_clip(arguments)), arguments.frame or 1
+    if not 1 <= number <= len(frames.places):
+        raise InputError(f"--frame {number}: there are frames 1 to {len(frames.places)}")
+    return frames.read(frames.places[number - 1])

@@ -1,0 +1,129 @@
+"""`rhytid measure`: patches of a sheet, of a scan that is known and of skin that is grown."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+
+from cli.running import usage_error
+from rhytid.cli import main
+from rhytid.domain.mesh import Mesh
+from rhytid_lab.samples.grids import flat_sheet
+
+WIDE, RESOLUTION = 1.6, 1024  # cm; UV covers 0.96 of the map
+
+
+@pytest.fixture(scope="module")
+def sheet(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("sheet") / "sheet.npz"
+    mesh: Mesh = flat_sheet(WIDE, 16)
+    frame = (mesh.positions * (0.8, 1.0, 1.0)).astype(np.float32)
+    arrays = {"positions": mesh.positions, "faces": mesh.faces, "uv": mesh.uv}
+    np.savez(file, **arrays, face_uv=mesh.face_uv, frames=frame[None])
+    return file
+
+
+def measured(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    assert main(["measure", *arguments, "--json"]) == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def test_a_scan_of_waves(sheet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """30 micrometres high, 0.8 mm long, their crests upright; along is turned by 30 degrees."""
+    line = (np.arange(RESOLUTION) + 0.5) / RESOLUTION
+    wave = 0.003 * np.sin(2 * np.pi * (line - 0.5) / 0.96 * WIDE / 0.08)
+    heights = np.repeat(wave[None], RESOLUTION, axis=0).astype(np.float32)
+    scan = tmp_path / "wave.1001.exr"
+    OpenEXR.File({}, {"Y": heights}).write(str(scan))
+
+    found = measured(capsys, str(sheet), "--scan", str(scan), "--patch", "0.5", "0.5")
+    turned = measured(
+        capsys, str(sheet), "--scan", str(scan), "--patch", "0", "0", "0", "--along", "30"
+    )
+
+    [patch] = found["patches"]
+    areal = patch["rest"]["areal"]
+    assert (areal["sa"], areal["sku"]) == pytest.approx((60 / np.pi, 1.5), rel=0.02)
+    assert patch["rest"]["along"]["rz"] == pytest.approx(60.0, rel=0.02)
+    assert patch["rest"]["across"]["rz"] < 0.5
+    assert patch["rest"]["directions"]["angle"] == 90.0
+    assert patch["moved"] is None
+    assert turned["patches"][0]["rest"]["directions"]["angle"] == 60.0
+    [depth] = found["published"]
+    assert (depth["inside"], depth["low"], depth["high"]) == (True, 20.0, 200.0)
+
+
+def test_grown_skin_under_strain(
+    sheet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is smoother along the strain, and the loss is held against what is published."""
+    plot = tmp_path / "plots" / "measure.png"
+    grown = ("--wrinkles", "1500", "--resolution", "512", "--size", "8", "--patch", "0.5", "0.5")
+    given = [str(sheet), *grown, "--strain", "1.25", "--plot", str(plot)]
+
+    assert main(["measure", *given, "--json", str(tmp_path / "m.json")]) == 0
+    text = capsys.readouterr().out
+    found = json.loads((tmp_path / "m.json").read_text())
+
+    [patch] = found["patches"]
+    rest, moved = patch["rest"], patch["moved"]
+    assert moved["along"]["ra"] < 0.95 * rest["along"]["ra"]
+    assert moved["slopes_along"]["variance"] < 0.8 * rest["slopes_along"]["variance"]
+    _, ra, rz = found["published"]
+    loss = 100 * (1 - moved["along"]["ra"] / rest["along"]["ra"])
+    assert ra["value"] == pytest.approx(loss)
+    assert (ra["low"], rz["high"]) == (40.0, 50.0)
+    assert ("OUTSIDE" in text) == (not all(one["inside"] for one in found["published"]))
+    assert "Sa µm" in text
+    with Image.open(plot) as drawn:
+        assert drawn.width > 2000
+
+
+@pytest.mark.slow
+def test_a_frame_is_measured_where_its_skin_is(
+    sheet: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As the strain that it is: 0.8 times as wide."""
+    grown = ("--wrinkles", "1500", "--resolution", "512", "--size", "6", "--patch", "0.5", "0.5")
+    by_frame = measured(capsys, str(sheet), *grown, "--frame", "1")
+    by_strain = measured(capsys, str(sheet), *grown, "--strain", "0.8")
+
+    for name in ("sa", "sdq", "sku"):
+        first, second = (one["patches"][0]["moved"]["areal"][name] for one in (by_frame, by_strain))
+        assert first == pytest.approx(second, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--strain", "1.25", "--frame", "1"], "both say how the mesh is moved"),
+        (["--scan", __file__, "--strain", "1.25"], "a scan is measured at rest"),
+        (["--strain-across", "1.1"], "is beside --strain"),
+        (["--patch", "1"], "--patch has 1 numbers"),
+        (["--strain", "-1"], "--strain -1: above 0"),
+        (["--scan", __file__, "--wrinkles", "5"], "--scan gives the relief"),
+    ],
+)
+def test_options_that_contradict(
+    options: list[str], message: str, sheet: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert message in usage_error(capsys, "measure", "--mesh", str(sheet), *options)
+
+
+def test_a_patch_beyond_the_mesh_is_refused(
+    sheet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scan = tmp_path / "flat.1001.exr"
+    OpenEXR.File({}, {"Y": np.eye(64, dtype=np.float32)}).write(str(scan))
+    given = ["measure", str(sheet), "--scan", str(scan), "--patch", "0.9", "0.5"]
+    assert main(given) == 1
+    assert "lies beside the mesh or in another UDIM" in capsys.readouterr().err
+    assert main(["measure", str(sheet), "--scan", str(scan), "--place", "nose"]) == 1
+    assert "show no such region: none" in capsys.readouterr().err
