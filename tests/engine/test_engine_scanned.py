@@ -105,9 +105,8 @@ def test_what_cannot_hold_it_is_refused(made):
     for call in (
         lambda id: engine.tiles.bins(id),
         lambda id: engine.tiles.bin_tile(id, TileAddress(1001, 0, 0, 0), "pores"),
-        lambda id: engine.packages.of(id),
     ):
-        with pytest.raises(ConflictError, match="is a scanned skin: packages and precomputed"):
+        with pytest.raises(ConflictError, match="is a scanned skin: precomputed maps"):
             call(scanned)
     engine.tiles.bins(plain)
 

@@ -25,6 +25,7 @@ from reference.stretch import stretch as reference
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.residual import Residual
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import NewAsset
@@ -185,6 +186,28 @@ def test_the_picture_is_the_same_on_every_way_there(both: Both) -> None:
     )
     # Levels have texels of cells that are out of view in them: the last bit may be another.
     assert (np.abs(got.astype(int) - want) > 2).mean() < 1e-3
+
+
+def test_scanned_skin_has_its_residual(both: Both, tmp_path: Path, open_page: Opened) -> None:
+    engine, assets = both.engine, both.engine.assets
+    rows, columns = np.mgrid[:512, :512] / 512.0
+    swells = 0.03 * np.sin(60.0 * columns) * np.cos(40.0 * rows) + 0.1
+    settings = AssetSettings.parse(assets.info(both.asset).settings)
+    residual = Residual.of({UDIM: swells.astype(np.float32)})
+    graph = assets.graph(both.asset)
+    asset = built(engine, NewAsset(both.mesh, settings, graph, residual=residual))
+    write_package(engine, asset, tmp_path / "skin", assets.shapes(both.asset))
+    with web_server(tmp_path / "skin") as url:
+        look = open_page(url).ready()
+        scanned = Both(engine, asset, both.mesh, look, step_of(tmp_path / "skin"))
+        scanned.pose([1.0, 0, 0, 0, 0.5, 0, 0, 0])
+        assert scanned.worst() < CLOSE
+        found = scanned.read("heights", UDIM)
+        look.keep("scanned")
+    assert [line for line in look.said if "error" in line or "GL_" in line] == []
+    both.pose([1.0, 0, 0, 0, 0.5, 0, 0, 0])
+    grown = both.read("heights", UDIM)
+    assert np.abs(found - grown - swells.reshape(-1)).max() < CLOSE * both.step
 
 
 @pytest.mark.slow

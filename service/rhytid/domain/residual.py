@@ -69,6 +69,23 @@ class Residual:
         ends = (middle + step * code for step, middle in self.steps.values() for code in _CODES)
         return max(map(abs, ends), default=0.0)
 
+    def common(self, udims: Sequence[int]) -> tuple[float, float]:
+        """The length of a code and that of code 0, mesh units, with which codes hold the maps of
+        all `udims`: that of one without a map is 0."""
+        if len({self.steps.get(udim) for udim in udims}) == 1:
+            return self.steps[udims[0]]
+        found = [(0.0, 0.0) if u not in self.codes else self.steps[u] for u in udims]
+        return _steps([middle + step * code for step, middle in found for code in _CODES])
+
+    def coded(self, udim: int, common: tuple[float, float], side: int) -> Codes:
+        """(side, side) of a UDIM in codes of `common`: within half a step, and as they are where
+        they are of that already."""
+        step, middle = common
+        if self.steps.get(udim) == common:
+            return self.codes[udim]
+        map = self.heights(udim) if udim in self.codes else np.zeros((side, side), np.float32)
+        return _in_codes(map, step, middle)
+
     def resized(self, resolution: int) -> Residual:
         """At another resolution, texels per side, as `resampled` makes it."""
         sides = resolution, resolution
@@ -130,11 +147,22 @@ def _coded(map: Heights, udim: int) -> tuple[Codes, tuple[float, float]]:
     low, high = float(map.min()), float(map.max())
     if not np.isfinite([low, high]).all():
         raise InputError(f"the residual of UDIM {udim} is not finite throughout")
+    step, middle = _steps((low, high))
+    return _in_codes(map, step, middle), (step, middle)
+
+
+def _steps(heights: Sequence[float]) -> tuple[float, float]:
+    """The steps whose codes reach from the least to the most of heights, mesh units."""
+    low, high = min(heights), max(heights)
     step = (high - low) / (_HIGHEST - _LOWEST)
+    return step, low - _LOWEST * step
+
+
+def _in_codes(map: Heights, step: float, middle: float) -> Codes:
     if step == 0.0:
-        return np.zeros(map.shape, np.int16), (0.0, low)
-    codes = np.rint((map.astype(np.float64) - low) / step) + _LOWEST
-    return codes.astype(np.int16), (step, low - _LOWEST * step)
+        return np.zeros(map.shape, np.int16)
+    codes = np.rint((map.astype(np.float64) - middle) / step)
+    return np.clip(codes, _LOWEST, _HIGHEST).astype(np.int16)
 
 
 def _fixed(map: NDArray[Any], udim: int, dtype: Any) -> NDArray[Any]:

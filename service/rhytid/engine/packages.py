@@ -118,7 +118,6 @@ class PackageService(Packages):
         with self._lock:
             if (making := self._unfinished.get(request.key)) is not None or not begin:
                 return making
-            request.asset.check_grown()
             with _refused(request.asset):
                 check_settings(request.asset.settings)
             # Never small: the thread of small jobs gives builds and frames their turn at once.

@@ -39,6 +39,8 @@ class Renderer:
         if cushion is not None:
             for name, of in zip(CUSHIONS, ("textures", "owners", "lines"), strict=True):
                 self._textures[name] = self._array(cushion[of])
+        if "residual" in self.manifest:
+            self._textures["rhytid_residual"] = self._array(self.manifest["residual"]["textures"])
 
     def heights(self, stretch: NDArray[np.float32], last: str = "height") -> NDArray[np.float32]:
         """(R, R) mesh units, row 0 at the top.  stretch: the texture of a frame.  last: the pass

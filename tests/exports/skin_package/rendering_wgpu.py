@@ -64,6 +64,8 @@ class WebGpuRenderer:
             self._add("rhytid_cushions", cushion["textures"])
             self._add("rhytid_cushion_owners", cushion["owners"])
             self._add("rhytid_cushion_lines", cushion["lines"])
+        if "residual" in self.manifest:
+            self._add("rhytid_residual", self.manifest["residual"]["textures"])
 
     def heights(self, stretch: NDArray[np.float32]) -> NDArray[np.float32]:
         """(R, R) mesh units, row 0 at the top.  stretch: the texture of a frame."""

@@ -24,6 +24,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.events import MOST_KIND
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.residual import Residual
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import NewAsset
 from rhytid.exports.skin_package import texture_arrays
@@ -110,6 +111,20 @@ def test_it_draws_events_where_nothing_is_stretched(tmp_path: Path, dialect: str
         write_package(engine, asset, tmp_path / "skin")
         still = new.mesh.positions
         assert worst(engine, asset, new.mesh, tmp_path / "skin", dialect, still) < CLOSE
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_it_adds_the_residual_of_scanned_skin(tmp_path: Path, dialect: str) -> None:
+    new = new_asset(sheet(udims=2), preset="best")
+    rng = np.random.default_rng(8)
+    found = {udim: rng.uniform(0.1, 0.2, (256, 256)).astype(np.float32) for udim in (1002, 1012)}
+    with running(tmp_path / "store") as engine:
+        asset = built(engine, replace(new, residual=Residual.of(found)))
+        write_package(engine, asset, tmp_path / "skin")
+        moved = deform(new.mesh.positions, 3, 0.1)
+        for udim in (1001, 1002):
+            close = worst(engine, asset, new.mesh, tmp_path / "skin", dialect, moved, udim)
+            assert close < CLOSE, udim
 
 
 def test_it_finds_its_way_over_pages(

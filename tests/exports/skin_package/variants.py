@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import product
 
-from rhytid.exports.skin_package.manifest import Layer, Manifest
+from rhytid.exports.skin_package.manifest import Layer, Manifest, Residual
 from rhytid.exports.skin_package.shaders import MERGES, shader_texts
 
 STAGES = ("vert", "frag", "comp")
@@ -23,12 +23,13 @@ def whole_shaders(full: Manifest, language: str) -> Iterator[tuple[str, str, str
 
 
 def _changed(full: Manifest, merge: str, plain: bool) -> Manifest:
-    """Plain: without soft limits, tilt, grain, events and cushion."""
+    """Plain: without soft limits, tilt, grain, events, cushion and residual."""
     assert None not in (full.blend.tilt, full.blend.grain, full.cushion)
     blend = full.blend.model_copy(update={"merge": merge, "soft_limits": not plain})
     if not plain:
         layers = [*full.layers, _events(full)]
-        return full.model_copy(update={"blend": blend, "layers": layers})
+        scanned = Residual(textures=full.triangles, step=1e-6, first=-0.03)
+        return full.model_copy(update={"blend": blend, "layers": layers, "residual": scanned})
     blend = blend.model_copy(update={"tilt": None, "grain": None})
     shaders = {
         name: one.model_copy(

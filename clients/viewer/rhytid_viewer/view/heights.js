@@ -115,5 +115,6 @@ function uploaded(textures, found) {
     rhytid_wrinkle_codes: textures.array(found.wrinkleCodes),
   };
   for (const [name, array] of Object.entries(found.cushions)) made[name] = textures.array(array);
+  if (found.residual) made.rhytid_residual = textures.array(found.residual);
   return made;
 }

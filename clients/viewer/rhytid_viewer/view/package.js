@@ -11,8 +11,8 @@ import { readKtx2 } from './ktx2.js';
 /** @typedef {(path: string) => Promise<ArrayBuffer>} ReadFile */
 
 const DIALECT = 'glsl-es-300';
-// 1: of before cushions had owners.
-const VERSIONS = [1, 2];
+// 1: of before cushions had owners. 3: of scanned skin.
+const VERSIONS = [1, 2, 3];
 const PARTS = ['mesh', 'blend', 'layers', 'textures', 'triangles', 'wrinkles', 'stretch', 'weights', 'shaders'];
 
 /**
@@ -102,6 +102,7 @@ function readManifest(bytes) {
   if (!VERSIONS.includes(found.version)) throw new Error(`version ${found.version} of skin packages is not known here`);
   for (const part of PARTS)
     if (!found[part]) throw new Error(`has no ${part}: another version of rhytid wrote this package`);
+  if (found.version === 3 && !found.residual) throw new Error('has no residual, which a scanned skin must have');
   if (!found.shaders?.[DIALECT]) throw new Error(`has no shaders of ${DIALECT}`);
   return found;
 }
@@ -113,7 +114,7 @@ function text(bytes) {
 
 /** @param {Manifest} manifest */
 function filesOf(manifest) {
-  const arrays = manifest.cushion ? 7 : 4; // of cushions of every kind three
+  const arrays = 4 + (manifest.cushion ? 3 : 0) + (manifest.residual ? 1 : 0); // of cushions of every kind three
   const passes = Object.keys(manifest.shaders[DIALECT].passes).length;
   return 4 + passes + arrays * manifest.udims.length;
 }
@@ -134,15 +135,16 @@ async function readTextures(manifest, readFile) {
     const array = (facts) => readArray(facts, udim, readFile);
     /** @param {import('./types.js').CodeFacts} facts */
     const codes = (facts) => readCodes(facts, udim, readFile);
-    const { cushion, wrinkles: bins } = manifest;
-    const [maps, triangles, wrinkles, wrinkleCodes, cushions] = await Promise.all([
+    const { cushion, residual: scanned, wrinkles: bins } = manifest;
+    const [maps, triangles, wrinkles, wrinkleCodes, cushions, residual] = await Promise.all([
       array(manifest.textures),
       array(manifest.triangles),
       array(bins.textures),
       codes(bins.codes),
       readCushions(cushion, udim, readFile),
+      scanned ? array(scanned.textures) : null,
     ]);
-    found.set(udim, { maps, triangles, wrinkles, wrinkleCodes, cushions });
+    found.set(udim, { maps, triangles, wrinkles, wrinkleCodes, cushions, residual });
   }
   return found;
 }

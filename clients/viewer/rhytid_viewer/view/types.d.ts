@@ -21,6 +21,8 @@ export interface Manifest {
   triangles: TextureFacts;
   wrinkles: { textures: TextureFacts; codes: CodeFacts };
   cushion: CushionFacts | null;
+  /** Of scanned skin. */
+  residual?: { textures: TextureFacts };
   stretch: {
     triangles: number;
     triangles_a_row: number;
@@ -115,6 +117,8 @@ export interface UdimTextures {
   wrinkleCodes: TextureArray;
   /** Those of the cushions, by the names of their uniforms. */
   cushions: Record<string, TextureArray>;
+  /** Of scanned skin. */
+  residual: TextureArray | null;
 }
 
 /** A skin package in memory. */

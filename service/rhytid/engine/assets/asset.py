@@ -238,8 +238,8 @@ class Asset:
         self.check_ready()
         if self.residual is not None:
             raise ConflictError(
-                f"asset {self.id} is a scanned skin: packages and precomputed maps cannot hold its "
-                "residual yet, and would not be the scan at rest; ask for tiles or maps of frames"
+                f"asset {self.id} is a scanned skin: precomputed maps do not hold its residual, "
+                "and would not be the scan at rest; ask for tiles or maps of frames, or a package"
             )
 
     @property

@@ -39,6 +39,7 @@ from rhytid.engine.operations import Assets
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.errors import NotFoundError, SettingsError
 from rhytid.pipeline.stretch import r_max_of
+from rhytid.storage.records import StoredAsset
 from rhytid.storage.store import AssetStore
 
 T = TypeVar("T")
@@ -220,10 +221,10 @@ class AssetService(Assets):
                 f"asset {asset} has no named shapes: send its mesh again with the part shapes"
             ) from None
 
-    def stiff(self, asset: str) -> bool:
-        """Whether a stiffness map came with a ready asset."""
+    def stored(self, asset: str) -> StoredAsset:
+        """What the store has of a ready asset."""
         self._assets.get(asset).check_ready()
-        return self._store.asset(asset).stiffness is not None
+        return self._store.asset(asset)
 
     @override
     def curves(self, asset: str) -> Curves:

@@ -123,8 +123,13 @@ class TileService(Tiles):
 
     @override
     def bins(self, asset: str) -> BinManifest:
+        self._assets.get(asset).check_grown()
+        return self.precomputed(asset)
+
+    def precomputed(self, asset: str) -> BinManifest:
+        """As `bins`; of a scanned skin what its graph draws, without its residual."""
         found = self._assets.get(asset)
-        found.check_grown()
+        found.check_ready()
         return self._on_device.loaded(found).bins.manifest()
 
     @override
@@ -136,8 +141,19 @@ class TileService(Tiles):
         bin: int | None = None,
         sample: int | None = None,
     ) -> NDArray[np.integer]:
+        self._assets.get(asset).check_grown()
+        return self.precomputed_tile(asset, address, layer, bin, sample)
+
+    def precomputed_tile(
+        self,
+        asset: str,
+        address: TileAddress,
+        layer: str,
+        bin: int | None = None,
+        sample: int | None = None,
+    ) -> NDArray[np.integer]:
+        """As `bin_tile`; of a scanned skin what its graph draws, without its residual."""
         found = self._assets.get(asset)
-        found.check_grown()
         found.check_address(address)
         if address.level > 0:
             raise NotFoundError(

@@ -9,8 +9,8 @@ from rhytid import __version__
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.exports.skin_package import manifest as m
-from rhytid.exports.skin_package.languages import BINDINGS, LANGUAGES
-from rhytid.exports.skin_package.maps import WRINKLES, SkinMaps
+from rhytid.exports.skin_package.languages import BINDINGS, LANGUAGES, RESIDUAL
+from rhytid.exports.skin_package.maps import FIRST_CODE, WRINKLES, SkinMaps
 from rhytid.exports.skin_package.shaders import COMPUTE, materialx_files, stretch_file
 from rhytid.pipeline.cushion import CUSHIONS
 from rhytid.pipeline.events import EVENT_LAYER
@@ -24,13 +24,14 @@ class PackageTextures:
     """The textures of a package as the manifest describes them.
 
     wrinkles: stored as sets, so that what the numbers of their texels stand for comes with them.
-    cushions: maps, owners and lines.
+    cushions: maps, owners and lines.  residual: of a scanned skin.
     """
 
     maps: m.Textures
     wrinkles: tuple[m.Textures, m.Codes]
     triangles: m.Textures
     cushions: tuple[m.Textures, m.Textures, m.Lines] | None
+    residual: m.Textures | None = None
 
 
 def package_manifest(
@@ -43,6 +44,8 @@ def package_manifest(
         maps_of_cushions, owners, lines = written.cushions
         found += [maps_of_cushions, owners]
         beside += lines.bytes
+    if written.residual is not None:
+        found.append(written.residual)
     return m.Manifest(
         **_facts(maps),
         mesh=_mesh(mesh, shapes),
@@ -52,9 +55,10 @@ def package_manifest(
         textures=written.maps,
         triangles=written.triangles,
         cushion=_cushion(maps, written),
+        residual=_residual(maps, written.residual),
         stretch=_stretch(maps, mesh),
         weights=_weights(maps, len(mesh.faces)),
-        shaders={dialect: _shaders(dialect, written.cushions is not None) for dialect in LANGUAGES},
+        shaders={dialect: _shaders(dialect, written) for dialect in LANGUAGES},
         materialx=materialx_files(),
         texture_bytes=beside + sum(one.bytes for one in found),
         texture_bytes_of_level_0=beside + sum(one.bytes_of_level_0 for one in found),
@@ -68,7 +72,7 @@ def _facts(maps: SkinMaps) -> dict[str, Any]:
     settings = maps.settings
     return {
         "format": m.FORMAT,
-        "version": m.VERSION,
+        "version": m.VERSION if maps.residual is None else m.SCANNED_VERSION,
         "rhytid_version": __version__,
         "asset": maps.asset,
         "preset": settings.preset,
@@ -151,6 +155,13 @@ def _cushion(maps: SkinMaps, written: PackageTextures) -> m.Cushion | None:
     )
 
 
+def _residual(maps: SkinMaps, textures: m.Textures | None) -> m.Residual | None:
+    if textures is None or maps.residual_steps is None:
+        return None
+    step, middle = maps.residual_steps
+    return m.Residual(textures=textures, step=step, first=middle - FIRST_CODE * step)
+
+
 def _weights(maps: SkinMaps, triangles: int) -> m.Weights:
     layers, rows = len(maps.bins.angles) + 1, _rows(triangles)
     layers += maps.bins.grain is not None or EVENT_LAYER in maps.bins.layers
@@ -194,13 +205,17 @@ def _folds(maps: SkinMaps, mesh: Mesh) -> m.Folds | None:
     )
 
 
-def _shaders(dialect: str, cushion: bool) -> m.Shaders:
-    passes = ["weights", *(["lines", "cushion"] if cushion else []), "height"]
+def _shaders(dialect: str, written: PackageTextures) -> m.Shaders:
+    broad = [] if written.cushions is None else ["lines", "cushion"]
+    passes = ["weights", *broad, "height"]
+    names = {name: n for n, name in enumerate(BINDINGS)}
+    if written.residual is None:
+        del names[RESIDUAL]
     language = LANGUAGES[dialect]
     folder, suffix = f"shaders/{dialect}", language.suffix
     return m.Shaders(
         libraries={name: f"shaders/{name}.{language.ending}" for name in ("weights", "skin")},
         vertex=f"{folder}/full.vert{suffix}",
         passes={name: f"{folder}/{name}.frag{suffix}" for name in passes},
-        bindings={name: n for n, name in enumerate(BINDINGS)} if dialect == "wgsl" else None,
+        bindings=names if dialect == "wgsl" else None,
     )

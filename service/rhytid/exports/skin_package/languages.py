@@ -154,6 +154,7 @@ def _wgsl_type(kind: str) -> str:
     return _WGSL.get(kind, kind)
 
 
+RESIDUAL = "rhytid_residual"
 # Where WGSL has its textures: the numbers of their bindings.
 BINDINGS = (
     "rhytid_stretch",
@@ -167,6 +168,7 @@ BINDINGS = (
     "rhytid_cushion_lines",
     "rhytid_cushion_stretch",
     "rhytid_cushion",
+    RESIDUAL,
 )
 
 

@@ -7,6 +7,8 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 FORMAT, VERSION = "rhytid-skin", 2
+# Of packages of scanned skin, so that who does not know a residual refuses them.
+SCANNED_VERSION = 3
 
 
 class _Part(BaseModel):
@@ -89,6 +91,14 @@ class Cushion(_Part):
     layer: Layer
     factor: int = Field(description="texels to a sample")
     apron: int = Field(description="samples more on every side of a UDIM")
+
+
+class Residual(_Part):
+    """What the lines and pores of a scanned skin do not draw, added last, in every frame alike."""
+
+    textures: Textures = Field(description="R16_UINT, one map")
+    step: float = Field(description="mesh units: a texel is first + step * number")
+    first: float = Field(description="what number 0 stands for, mesh units")
 
 
 class Tilt(_Part):
@@ -209,6 +219,9 @@ class Manifest(_Part):
     textures: Textures
     triangles: Textures
     cushion: Cushion | None
+    residual: Residual | None = Field(
+        default=None, description="of scanned skin, in packages of version 3; others lack it"
+    )
     stretch: Stretch
     weights: Weights
     shaders: dict[str, Shaders]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.bin_manifest import BinManifest
 from rhytid.domain.lengths import millimetres
+from rhytid.domain.painted_maps import Stiffness
+from rhytid.domain.residual import Residual
 from rhytid.domain.tiles import TileAddress
 from rhytid.errors import SettingsError
 from rhytid.exports.skin_package.cushion_lines import OwnerCount
@@ -30,6 +33,8 @@ LAYERS = ("pores", "wrinkle_tilts", "grain", EVENT_LAYER)
 # The layer that is stored as sets of its samples.
 WRINKLES = "wrinkles"
 LAST_CODE = 127
+# What the textures of a residual have for code 0: they are not signed.
+FIRST_CODE = 1 << 15
 Codes = NDArray[np.integer]
 
 
@@ -45,12 +50,16 @@ class UdimMaps:
 
 @dataclass(frozen=True)
 class SkinMaps:
-    """The precomputed maps of an asset whose settings the shader knows."""
+    """The precomputed maps of an asset whose settings the shader knows.
+
+    residual: of a scanned skin.
+    """
 
     engine: Source
     asset: str
     settings: AssetSettings
     bins: BinManifest
+    residual: Residual | None = None
 
     @classmethod
     def of(cls, engine: Source, asset: str) -> SkinMaps:
@@ -58,9 +67,10 @@ class SkinMaps:
         know."""
         settings = AssetSettings.parse(engine.assets.info(asset).settings)
         check_settings(settings)
-        if engine.assets.stiff(asset):
+        stored = engine.assets.stored(asset)
+        if stored.stiffness is not None:
             raise SettingsError("the asset has a stiffness map: packages have none yet")
-        return cls(engine, asset, settings, engine.tiles.bins(asset))
+        return cls(engine, asset, settings, engine.tiles.precomputed(asset), stored.residual)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -81,7 +91,24 @@ class SkinMaps:
     def scale(self) -> float:
         """The largest displacement that is possible, mesh units."""
         events = LAST_CODE * self.bins.steps.get(EVENT_LAYER, (0.0,))[0]
-        return self.bins.scale_limit * (1.0 + HEADROOM) * self.bins.depth + events
+        added = events + (0.0 if self.residual is None else self.residual.largest)
+        return self.bins.scale_limit * (1.0 + HEADROOM) * self.bins.depth + added
+
+    @cached_property
+    def residual_steps(self) -> tuple[float, float] | None:
+        """The length of a code of the residual and that of code 0, in all UDIMs alike; None where
+        there is none."""
+        if self.residual is None:
+            return None
+        return self.residual.common(self.engine.assets.info(self.asset).udims)
+
+    def residual_codes(self, udim: int) -> NDArray[np.uint16]:
+        """(1, R, R) the residual of a UDIM by `residual_steps`, 32768 for code 0."""
+        assert self.residual is not None
+        assert self.residual_steps is not None
+        codes = self.residual.coded(udim, self.residual_steps, self.settings.resolution)
+        numbers: NDArray[np.uint16] = codes[None].view(np.uint16) ^ np.uint16(FIRST_CODE)
+        return numbers
 
     @property
     def cushion_side(self) -> int:
@@ -110,7 +137,7 @@ class SkinMaps:
             y, x, samples = row // factor, column // factor, len(self.bins.steps[name])
             for i, out in enumerate(maps):
                 n, sample = divmod(i, samples)
-                codes = self.engine.tiles.bin_tile(self.asset, address, name, n, sample)
+                codes = self.engine.tiles.precomputed_tile(self.asset, address, name, n, sample)
                 out[y : y + len(codes), x : x + len(codes)] = codes
                 if name == OWNERS:
                     into.owners.add(codes)
@@ -150,8 +177,20 @@ class Assets(Protocol):
     def info(self, asset: str) -> AssetFacts:
         """The facts of an asset."""
 
-    def stiff(self, asset: str) -> bool:
-        """Whether an asset has a stiffness map."""
+    def stored(self, asset: str) -> StoredSkin:
+        """What came with an asset."""
+
+
+class StoredSkin(Protocol):
+    """What came with an asset that a package needs."""
+
+    @property
+    def stiffness(self) -> Stiffness | None:
+        """A map of stiffness."""
+
+    @property
+    def residual(self) -> Residual | None:
+        """What its graph does not draw."""
 
 
 class AssetFacts(Protocol):
@@ -173,10 +212,10 @@ class AssetFacts(Protocol):
 class Tiles(Protocol):
     """The precomputed maps of ready assets."""
 
-    def bins(self, asset: str) -> BinManifest:
+    def precomputed(self, asset: str) -> BinManifest:
         """The maps that an asset has."""
 
-    def bin_tile(
+    def precomputed_tile(
         self,
         asset: str,
         address: TileAddress,

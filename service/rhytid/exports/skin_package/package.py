@@ -41,6 +41,7 @@ MANIFEST, SCHEMA, MESH, REST = "manifest.json", "manifest.schema.json", "skin.gl
 TEXTURES = (
     "maps", "wrinkles", "wrinkles_codes", "triangles",
     "cushions", "cushion_owners", "cushion_lines",
+    "residual",
     "cushions_codes", "cushion_triangles",  # of packages of before
 )  # fmt: skip
 Step = Callable[[], None]
@@ -104,6 +105,9 @@ class PackageWriter:
         if maps.bins.cushion is not None:
             broad, ends = maps.count(CUSHIONS) + maps.count(PLACES), maps.settings.response.ends
             self._cushions = CushionFiles(textures, broad, len(mesh.faces), ends)
+        self._residual: TextureFiles | None = None
+        if maps.residual is not None:
+            self._residual = TextureFiles(textures, "residual", "r16uint", 1, across)
         self.manifest: Manifest | None = None
         self._written: list[str] = []
 
@@ -120,7 +124,8 @@ class PackageWriter:
         udims = len(maps.engine.assets.info(maps.asset).udims)
         layers = sum(map(maps.count, maps.names))
         share = sum(0.25**level for level in range(self._levels))
-        texel = (layers + 2 * self._bins) * share + self._index_bytes
+        texel = (layers + 2 * (self._bins + (self._residual is not None))) * share
+        texel += self._index_bytes
         return int(udims * maps.settings.resolution**2 * texel)
 
     @property
@@ -131,6 +136,7 @@ class PackageWriter:
         share = sum(0.25**level for level in range(self._levels))
         plain = texels * sum(map(maps.count, maps.names))
         wrinkles, numbers = texels * maps.count(WRINKLES), 4 * texels * self._bins
+        kept = 0 if maps.residual is None else sum(c.nbytes for c in maps.residual.codes.values())
         cushions = 0
         if self._cushions is not None:  # maps, owners and their numbers, lines
             cushions = (maps.count(CUSHIONS) + 1 + 12) * maps.cushion_side**2
@@ -142,17 +148,19 @@ class PackageWriter:
             (wrinkles + numbers) * share + BESIDE,
             2 * cushions,
             3 * 4 * texels,  # triangles
+            kept and 24 * texels,  # the residual, in double while it becomes other codes
         )
         page = 16 * self._paging.size**2  # in float32 for the levels, or as bytes of a file
         shapes = 0 if self._shapes is None else self._shapes.positions.nbytes
         faces = self._mesh.faces.nbytes
         # Beside what is given: with seams split, and as bytes of a file.
         mesh = 4 * (shapes + self._mesh.positions.nbytes + faces) + 16 * 8 * len(self._mesh.faces)
-        return int(arrays + cushions + page + mesh)
+        return int(arrays + cushions + kept + page + mesh)
 
     def _textures(self) -> list[TextureFiles]:
         broad = [] if self._cushions is None else self._cushions.textures
-        return [self._codes, self._triangles, *broad]
+        scanned = [] if self._residual is None else [self._residual]
+        return [self._codes, self._triangles, *broad, *scanned]
 
     def steps(self) -> list[Step]:
         """The steps that write the package, in their order."""
@@ -196,6 +204,9 @@ class PackageWriter:
             broad = np.concatenate([read.maps[CUSHIONS], read.maps[PLACES]])
             lines = engine.tiles.cushion_lines(asset, udim)
             self._cushions.write(udim, broad, read.maps[OWNERS], lines)
+        if self._residual is not None:
+            pages = self._paging.cut(self._maps.residual_codes(udim))
+            self._residual.write(udim, pyramid(pages, self._levels))
 
     def _taken(self, read: UdimMaps, *names: str) -> list[NDArray[np.integer]]:
         """Maps as pages of every level; they are removed from `read`, to free their memory."""
@@ -217,6 +228,7 @@ class PackageWriter:
             self._wrinkles.manifest_entry(),
             self._triangles.manifest_entry(),
             cushions,
+            None if self._residual is None else self._residual.manifest_entry(),
         )
         manifest = package_manifest(self._maps, self._mesh, self._shapes, written)
         texts = {name: text.encode() for name, text in shader_texts(manifest).items()}
@@ -228,7 +240,9 @@ class PackageWriter:
             self._write(name, rhytid_viewer.read(name))
         self._write_viewer()
         self._write(SCHEMA, _json(schema()))
-        self._write(MANIFEST, _json(manifest.model_dump()))
+        # Packages of grown skin are of version 2, which does not know it.
+        absent = {"residual"} if manifest.residual is None else None
+        self._write(MANIFEST, _json(manifest.model_dump(exclude=absent)))
         self.manifest = manifest
 
     def _write_viewer(self) -> None:

@@ -110,6 +110,7 @@ def flags(manifest: Manifest) -> dict[str, bool]:
         "GRAIN": blend.grain is not None,
         "EVENTS": _has_events(manifest),
         "CUSHION": manifest.cushion is not None,
+        "RESIDUAL": manifest.residual is not None,
     }
 
 
@@ -211,6 +212,9 @@ def _optional(manifest: Manifest, layers: dict[str, Layer]) -> list[tuple[str, N
             ("CUSHION_FACTOR", cushion.factor),
             ("CUSHION_APRON", cushion.apron),
         ]
+    if manifest.residual is not None:
+        scanned = manifest.residual
+        lines += [("RESIDUAL_STEP", scanned.step), ("RESIDUAL_FIRST", scanned.first)]
     return lines
 
 

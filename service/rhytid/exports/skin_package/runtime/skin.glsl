@@ -15,6 +15,9 @@ uniform usampler2DArray rhytid_cushion_owners; // the line that each sample answ
 uniform sampler2D rhytid_cushion_stretch; // of the frame, made by the pass lines, RGBA32F
 uniform sampler2D rhytid_cushion; // of the frame, made by the pass cushion, R32F
 #endif
+#if RESIDUAL
+uniform usampler2DArray rhytid_residual; // of scanned skin: what its lines and pores do not draw
+#endif
 
 // What the codes of two samples of a layer are multiplied by in a face, in units of the merge; the
 // first of them; the rise of the depth over the tilts. Of the layer after the pores: how much of the
@@ -172,6 +175,10 @@ float rhytid_height(ivec2 texel)
     float coarse = rhytid_code(rhytid_maps, inner, base + RHYTID_FIRST_EVENTS);
     float fine = rhytid_code(rhytid_maps, inner, base + RHYTID_FIRST_EVENTS + 1);
     height += shown.y * (RHYTID_EVENT_STEP * coarse + RHYTID_EVENT_FINE_STEP * fine);
+#endif
+#if RESIDUAL
+    int scanned = rhytid_number(rhytid_residual, inner, page);
+    height += RHYTID_RESIDUAL_FIRST + RHYTID_RESIDUAL_STEP * float(scanned);
 #endif
     return height;
 }
