@@ -126,7 +126,7 @@ class Chart:
         inside = texels_inside(filled, edges) & covered
         # Triangles that all lie between the centres of texels.
         inside = inside if inside.any() else covered
-        return cls(filled, covered, inside, _nearest(inside), _islands(mesh), edges)
+        return cls(filled, covered, inside, _nearest(inside), islands_of(mesh), edges)
 
     def padded(self, values: NDArray[T]) -> NDArray[T]:
         """(R, R, …) values whose texels outside of the islands have the value of the nearest texel
@@ -323,7 +323,7 @@ def _nearest_places(known: NDArray[np.bool_]) -> NDArray[np.int32]:
     return found
 
 
-def _islands(mesh: Mesh) -> IntArray:
+def islands_of(mesh: Mesh) -> IntArray:
     """(F,) numbers of parts of the UV layout: triangles that share texture coordinates."""
     _, uv = np.unique(mesh.uv, axis=0, return_inverse=True)
     corner = uv.reshape(-1)[mesh.face_uv]
