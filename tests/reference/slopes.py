@@ -2,8 +2,8 @@
 moments over larger texels: the means of the slopes and of their products.
 
 A slope is g in the plane of the interpolated normal n: the gradient of the heights on the triangle,
-by the axes dP/du and what is across it, which are turned into that plane. Its parts are along T, the
-interpolated tangent (MikkTSpace) in that plane, and B = sign n x T.
+by the axes dP/du and what is across it, which are turned into that plane. Its parts are along T,
+the interpolated tangent (MikkTSpace) in that plane, and B = sign n x T.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ def surface(positions: Array, faces: Indices, uv: Array, face_uv: Indices) -> Su
         normal = unit(np.cross(corners[1] - corners[0], corners[2] - corners[0]))
         for k, one in enumerate(corners):
             ends = [unit(corners[(k + step) % 3] - one) for step in (1, 2)]
-            normal_of[tuple(one)] = normal_of.get(tuple(one), 0.0) + normal * np.arccos(ends[0] @ ends[1])
+            angle = np.arccos(ends[0] @ ends[1])
+            normal_of[tuple(one)] = normal_of.get(tuple(one), 0.0) + normal * angle
     normals = np.array([[unit(normal_of[tuple(one)]) for one in corners] for corners in places])
     tangent_of: dict[tuple[float, ...], Array] = {}
     keys, signs = [], []
@@ -94,45 +95,52 @@ def slopes(heights: Array, triangles: Indices, mesh: Surface) -> tuple[Array, Ar
     side, none = len(heights), len(mesh.places)
     inside = np.zeros((side, side), bool)
     weights = np.zeros((side, side, 3))
-    for row, column in np.argwhere(triangles < none):
-        first, *ends = mesh.uv[triangles[row, column]]
-        at = np.array([(column + 0.5) / side, 1.0 - (row + 0.5) / side])
-        two = np.linalg.solve(np.stack([end - first for end in ends], axis=1), at - first)
-        weights[row, column] = 1.0 - two.sum(), *two
-        inside[row, column] = weights[row, column].min() >= _INSIDE
+    for f in range(none):
+        row, column = np.nonzero(triangles == f)
+        first, *ends = mesh.uv[f]
+        at = np.stack([(column + 0.5) / side, 1.0 - (row + 0.5) / side], axis=1)
+        two = np.linalg.solve(np.stack([end - first for end in ends], axis=1), (at - first).T).T
+        weights[row, column] = np.column_stack([1.0 - two.sum(axis=1), two])
+        inside[row, column] = weights[row, column].min(axis=1) >= _INSIDE
     island = np.where(triangles < none, np.append(mesh.islands, -1)[triangles], -1)
+    rises = np.stack([_rise(heights, island, inside, *way) for way in ((0, 1), (-1, 0))], axis=-1)
     out = np.zeros((side, side, 2))
-
-    def rise(row: int, column: int, dy: int, dx: int) -> float:
-        """Per texel of UV along an axis."""
-        found = []
-        for way in (1, -1):
-            y, x = row - way * dy, column + way * dx
-            if 0 <= y < side and 0 <= x < side and island[y, x] == island[row, column]:
-                found.append((inside[y, x], way * (heights[y, x] - heights[row, column])))
-        best = [value for good, value in found if good] or [value for _, value in found]
-        return float(np.mean(best)) if best else 0.0
-
-    for row, column in np.argwhere(inside):
-        f, share = triangles[row, column], weights[row, column]
+    for f in range(none):
+        here = inside & (triangles == f)
+        share = weights[here]
         du, dv = derivatives(mesh.places[f], mesh.uv[f])
         along = unit(du)
         across = unit(dv - (dv @ along) * along)
         axes = np.stack([along, across])
-        rises = np.array([rise(row, column, 0, 1), rise(row, column, 1, 0)]) * side
-        parts = np.linalg.solve(np.stack([axes @ du, axes @ dv]), rises)
-        normal, tangent = unit(share @ mesh.normals[f]), share @ mesh.tangents[f]
-        first = unit(along - (along @ normal) * normal)
-        second = mesh.signs[f] * np.cross(normal, first)
-        t = unit(tangent - (tangent @ normal) * normal)
-        gradient = parts[0] * first + parts[1] * second
-        out[row, column] = gradient @ t, gradient @ (mesh.signs[f] * np.cross(normal, t))
+        parts = np.linalg.solve(np.stack([axes @ du, axes @ dv]), rises[here].T * side).T
+        for k, at in enumerate(np.argwhere(here)):
+            normal, tangent = unit(share[k] @ mesh.normals[f]), share[k] @ mesh.tangents[f]
+            first = unit(along - (along @ normal) * normal)
+            second = mesh.signs[f] * np.cross(normal, first)
+            t = unit(tangent - (tangent @ normal) * normal)
+            gradient = parts[k, 0] * first + parts[k, 1] * second
+            out[tuple(at)] = gradient @ t, gradient @ (mesh.signs[f] * np.cross(normal, t))
     return out, inside
 
 
+def _rise(heights: Array, island: Indices, inside: Array, dy: int, dx: int) -> Array:
+    """(R, R) how much higher a step by (dy, dx) is, per texel."""
+    side = len(heights)
+    out = np.zeros((side, side))
+    for row, column in np.argwhere(inside):
+        found = []
+        for way in (1, -1):
+            y, x = row + way * dy, column + way * dx
+            if 0 <= y < side and 0 <= x < side and island[y, x] == island[row, column]:
+                found.append((inside[y, x], way * (heights[y, x] - heights[row, column])))
+        best = [value for good, value in found if good] or [value for _, value in found]
+        out[row, column] = sum(best) / len(best) if best else 0.0
+    return out
+
+
 def moments(slopes: Array, inside: Array, level: int) -> Array:
-    """(R >> level, R >> level, 5): means of x, y, xx, xy, yy over those of the 2^level squared texels
-    that are inside; 0 where none is."""
+    """(R >> level, R >> level, 5): means of x, y, xx, xy, yy over those of the 2^level squared
+    texels that are inside; 0 where none is."""
     step = 1 << level
     side = len(slopes) >> level
     out = np.zeros((side, side, 5))

@@ -8,6 +8,8 @@ from typing import Literal
 Method = Literal["neutral", "redraw", "binned", "convolved"]
 StretchModel = Literal["tensor", "tension", "uv"]
 Sampling = Literal["nearest", "smooth"]
+# What a texel has.
+Layer = Literal["displacement", "slopes"]
 # Files: of tiles and maps, of graphs, of meshes.
 TileFormat = Literal["npy", "f16", "exr", "exr16", "png"]
 # Of live connections: float32, half floats, 16-bit codes of a scale.

@@ -23,7 +23,8 @@ class Tile:
 
     content: the bytes as the server sent them.  etag: to ask for it again, None for a tile that
     was drawn once.  scale: of png alone, height = (p - 32768) / 32767 · scale, mesh units.
-    values: (n, n) float32 or float16, row 0 at the top, read-only; None for exr and png.
+    values: (n, n) float32 or float16, row 0 at the top, read-only; None for exr and png. Of the
+    layer slopes (n, n, 5).
     warnings: of a tile that was drawn once, what is probably wrong with its positions.
     label: what names its file, as "1001.smile": UDIM and frame of a map, and its level where that
     is not 0; of a tile also level, row and column, without the frame where it was drawn once.
@@ -66,8 +67,8 @@ class Tile:
         return path
 
     def _repr_png_(self) -> bytes | None:
-        """What notebooks show; None for exr, which this package does not decode."""
-        if self.values is not None:
+        """What notebooks show; None for exr, which this package does not decode, and for slopes."""
+        if self.values is not None and self.values.ndim == 2:
             return png.relief(self.values)
         return bytes(self.content) if self.format == "png" else None
 
@@ -80,7 +81,7 @@ def _file(tile: Tile, path: Path, scale: float | None) -> bytes | memoryview:
         return tile.content
     if tile.values is not None and extension == ".npy" and scale is None:
         return npy.encode(tile.values)
-    if tile.values is not None and extension == ".png":
+    if tile.values is not None and tile.values.ndim == 2 and extension == ".png":
         return png.heights16(tile.values, scale)
     formats = [format for format, known in EXTENSIONS.items() if known == extension]
     if not formats:

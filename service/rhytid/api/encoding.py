@@ -23,10 +23,18 @@ from rhytid.device.figures import working_on
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.byte_budget import Hold
 from rhytid.engine.changes import Mark
-from rhytid.engine.messages import AssetContent, DrawnTile, FrameStretch, TileDescription
+from rhytid.engine.messages import (
+    DISPLACEMENT,
+    SLOPES,
+    AssetContent,
+    DrawnTile,
+    FrameStretch,
+    MapQuery,
+    TileDescription,
+)
 from rhytid.errors import QueryError
 from rhytid.formats.tile_header import TileHeader
-from rhytid.formats.tiles import FORMATS, Encoded, encode
+from rhytid.formats.tiles import FORMATS, OF_SLOPES, SLOPE_CHANNELS, Encoded, encode
 
 if TYPE_CHECKING:
     from rhytid.api.dependencies import Drawing
@@ -44,11 +52,18 @@ WARNINGS = "X-Rhytid-Warnings"
 _UNKEPT = {"Cache-Control": "no-store"}
 
 
-def check_format(format: str) -> str:
-    """The name itself; raises QueryError naming the known formats."""
-    if format not in FORMATS:
-        raise QueryError(f"format {format!r}: one of {', '.join(FORMATS)}")
+def check_format(format: str, layer: str = DISPLACEMENT) -> str:
+    """The name itself; raises QueryError naming the known formats of a layer."""
+    known = OF_SLOPES if layer == SLOPES else tuple(FORMATS)
+    if format not in known:
+        of = "" if layer == DISPLACEMENT else f" of the layer {layer}"
+        raise QueryError(f"format {format!r}{of}: one of {', '.join(known)}")
     return format
+
+
+def texel_bytes(query: MapQuery) -> int:
+    """Bytes of a texel before it is encoded."""
+    return TEXEL * (len(SLOPE_CHANNELS) if query.layer == SLOPES else 1)
 
 
 def etag(*parts: object) -> str:
@@ -78,7 +93,7 @@ def made_answer(request: Request, drawing: Drawing, asked: Asked) -> Response:
 
     Only drawing takes a slot; raises BusyError, and what `RequestMemory.answer` does.
     """
-    check_format(asked.format)
+    check_format(asked.format, asked.query.layer)
     if request.method == "HEAD" or "if-none-match" in request.headers:
         # Otherwise the key comes with the tile.
         mark = drawing.engine.mark(asked.asset, asked.frame)
@@ -133,7 +148,7 @@ def _noted(
 def _drawn(drawing: Drawing, asked: Asked) -> Response:
     """The answer with a body, drawn."""
     format, asset, frame, query, place = asked
-    nbytes = TEXEL * drawing.engine.assets.dimensions(asset).grid.side_of(place) ** 2
+    nbytes = texel_bytes(query) * drawing.engine.assets.dimensions(asset).grid.side_of(place) ** 2
     memory = drawing.memory
     with drawing.slot, memory.making(nbytes):
         hold = memory.answer(FORMATS[format].working * nbytes)

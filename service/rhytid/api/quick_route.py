@@ -46,7 +46,7 @@ async def _answered(request: Request, place: TileAddress, query: dict[str, str])
     """The answer to a plain request. Errors go to the handlers of the app."""
     await guard(request)
     path, drawing = request.path_params, await drawing_of(request)
-    wanted = MapQuery(query["method"], query["stretch"], query["sampling"])
+    wanted = MapQuery(query["method"], query["stretch"], query["sampling"], query["layer"])
     asked = Asked(query["format"], path["asset"], path["frame"], wanted, place)
     if (kept := kept_answer(request, drawing, asked)) is not None:
         return kept

@@ -8,7 +8,14 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from rhytid.domain.notices import NOTICES
 from rhytid.domain.warnings import CODES
-from rhytid.engine.messages import METHODS, SAMPLINGS, STRETCH_MODELS, MapQuery
+from rhytid.engine.messages import (
+    DISPLACEMENT,
+    LAYERS,
+    METHODS,
+    SAMPLINGS,
+    STRETCH_MODELS,
+    MapQuery,
+)
 from rhytid.exports.curves import CURVE_FORMATS
 from rhytid.exports.meshes import MESH_FORMATS
 from rhytid.formats.tiles import FORMATS
@@ -53,6 +60,13 @@ class TileQuery(_Query):
         json_schema_extra=_options(SAMPLINGS),
         description="stretch of whole triangles (`nearest`), or interpolated (`smooth`)",
     )
+    layer: str = Field(
+        DISPLACEMENT,
+        json_schema_extra=_options(LAYERS),
+        description="`slopes`: in place of displacement five float32 of each texel, the mean slope "
+        "of level 0 along tangent and bitangent and the means of xx, xy and yy; `npy` (rows, "
+        "columns, 5) and `exr` (channels slope.x, slope.y, slope.xx, slope.xy, slope.yy) alone",
+    )
     format: str = Field(
         "npy",
         json_schema_extra=_options(FORMATS),
@@ -62,7 +76,7 @@ class TileQuery(_Query):
 
     def map_query(self) -> MapQuery:
         """The part that the engine answers; raises QueryError naming the known values."""
-        return MapQuery(self.method, self.stretch, self.sampling)
+        return MapQuery(self.method, self.stretch, self.sampling, self.layer)
 
 
 class WholeMapQuery(TileQuery):

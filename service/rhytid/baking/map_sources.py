@@ -17,12 +17,16 @@ from rhytid.baking.frame_names import FramePlace
 from rhytid.baking.frames import FrameFiles
 from rhytid.baking.request import Lag
 from rhytid.domain.mesh import Mesh
-from rhytid.engine.messages import AssetInfo
+from rhytid.domain.tiles import MapAddress
+from rhytid.engine.frames import Frame
+from rhytid.engine.messages import AssetInfo, MapQuery
 from rhytid.exports.displaced import Subdivided
 from rhytid.exports.meshes import mesh_format
 from rhytid.exports.textures.frame_map import Chart, FrameMap, Padding, VertexField
+from rhytid.exports.textures.slope_terms import slope_terms
 from rhytid.exports.textures.stretch import corner_weights, vertex_stretch
 from rhytid.exports.textures.tangents import Posed
+from rhytid.formats.tile_header import TileHeader
 from rhytid.support.atomic_files import atomic_write, write_file
 
 if TYPE_CHECKING:
@@ -120,6 +124,19 @@ class MapSources:
             surface.weights,
             surface.stretch,
             surface.blood,
+            partial(self._slopes, surface, plan.header, heights),
+        )
+
+    def _slopes(
+        self, surface: FrameSurface, header: TileHeader, heights: Callable[[], Texels], level: int
+    ) -> tuple[Texels, Texels]:
+        """Moments (n, n, 5) of a level, and coverage (n, n)."""
+        query = MapQuery(header.method, header.stretch, header.sampling)
+        frame, place = Frame.of(surface.positions), MapAddress(header.udim, level)
+        side = int(self._asset.settings["resolution"])
+        terms = slope_terms(self._mesh, surface.posed(), side)
+        return self._engine.tiles.slope_moments(
+            self._asset.id, frame, query, place, heights(), terms
         )
 
     def _found_chart(self, udim: int) -> Chart:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rhytid.baking.frame_names import FrameRange
 from rhytid.domain.scan import ScanSettings
 from rhytid.engine.messages import MapQuery
+from rhytid.exports.textures import USUAL, Shine
 from rhytid.formats.frame_set import Clip
 from rhytid.support.settings import ServiceSettings
 
@@ -86,7 +87,8 @@ class BakeRequest:
     of a Dask scheduler whose workers bake, or LOCAL.  dask_workers: processes of LOCAL; None for as
     many as fit.  chunk: frames per task of `openjd` or `dask`; None for the usual number.
 
-    blood_seconds: time constant of the profile `blood`, at `clip.fps` frames a second.
+    shine: how the profiles slopes, roughness and anisotropy are made.  blood_seconds: time constant
+    of the profile `blood`, at `clip.fps` frames a second.
 
     strict, allow: which warnings are errors on other machines.
     """
@@ -114,6 +116,7 @@ class BakeRequest:
     dask_workers: int | None = None
     chunk: int | None = None
     blood_seconds: float = USUAL_SECONDS
+    shine: Shine = USUAL
     strict: bool = False
     allow: Sequence[str] = ()
 

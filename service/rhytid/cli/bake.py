@@ -19,6 +19,7 @@ from rhytid.cli.options import (
     add_query,
     add_several,
     add_shared_store,
+    add_shine,
     add_stiffness,
     add_strict,
     add_unit,
@@ -41,7 +42,7 @@ from rhytid.cli.scan_options import (
 from rhytid.cli.skin_options import add_settings, add_skin, refuse_without_effect, skin_request
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.messages import METHODS, MapQuery
-from rhytid.exports.textures import COMPRESSIONS
+from rhytid.exports.textures import COMPRESSIONS, USUAL, Shine
 from rhytid.support.build_identity import check_drawing
 from rhytid.support.console import report
 
@@ -125,6 +126,7 @@ def _add_output(group: Arguments) -> None:
         f"per second; of --profile blood (default: {USUAL_SECONDS})"
     )
     add("--blood-time", type=seconds, metavar="S", help=lag)
+    add_shine(group)
     geometry = "write each frame as a displaced surface, too: NAME.<FRAME>.glb"
     add("--geometry", choices=("glb", "ply"), help=geometry)
     levels = "how many times --geometry cuts each triangle in four, 0 to 8"
@@ -185,7 +187,8 @@ def _request(arguments: argparse.Namespace) -> BakeRequest:
     from rhytid.exports.textures.profiles import profiles_of
 
     names = arguments.profile or (["half"] if arguments.half else ["float"])
-    profiles = profiles_of(names, arguments.compression)
+    how = Shine(arguments.level, arguments.base_roughness)
+    profiles = profiles_of(names, arguments.compression, how)
     return BakeRequest(
         mesh=arguments.mesh,
         out=arguments.out,
@@ -210,6 +213,7 @@ def _request(arguments: argparse.Namespace) -> BakeRequest:
         dask_workers=arguments.dask_workers,
         chunk=arguments.chunk,
         blood_seconds=USUAL_SECONDS if arguments.blood_time is None else arguments.blood_time,
+        shine=how,
         strict=arguments.strict,
         allow=arguments.allow,
     )
@@ -229,6 +233,7 @@ def _refuse_conflicts(arguments: argparse.Namespace) -> None:
         arguments.usage_error("--compression is of the profiles float and half: use one")
     if arguments.blood_time is not None and "blood" not in arguments.profile:
         arguments.usage_error("--blood-time is of --profile blood: give that, too")
+    _refuse_shine_without_effect(arguments)
     if arguments.frames and arguments.frames_list:
         arguments.usage_error("--frames and --frames-list both say which frames: use one")
     if arguments.chunk and arguments.openjd is None and arguments.dask is None:
@@ -244,6 +249,17 @@ def _refuse_scan_conflicts(arguments: argparse.Namespace) -> None:
         arguments.usage_error("--scan is traced to a graph, --graph gives one: use one")
     if arguments.residual and arguments.graph is None and arguments.asset is None:
         arguments.usage_error("--residual is what a traced graph does not draw: give --graph, too")
+
+
+def _refuse_shine_without_effect(arguments: argparse.Namespace) -> None:
+    """End with a usage error where `--level` or `--base-roughness` says nothing."""
+    of_base = {"roughness", "anisotropy"}
+    of_level = of_base | {"slopes", "normal-gl", "normal-dx"}
+    names = set(arguments.profile or [])
+    if arguments.level is not None and not names & of_level:
+        arguments.usage_error(f"--level is of the profiles {', '.join(sorted(of_level))}: use one")
+    if arguments.base_roughness != USUAL.roughness and not names & of_base:
+        arguments.usage_error("--base-roughness is of the profiles roughness and anisotropy")
 
 
 def _refuse_beside_asset(arguments: argparse.Namespace) -> None:

@@ -17,7 +17,7 @@ from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.warnings import CODES
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS
 from rhytid.errors import InputError
-from rhytid.exports.textures import COMPRESSIONS, PROFILE_NAMES
+from rhytid.exports.textures import COMPRESSIONS, PROFILE_NAMES, USUAL
 from rhytid.formats.frame_set import Clip
 from rhytid.support.console import STDOUT
 from rhytid.support.settings import ServiceSettings
@@ -79,6 +79,17 @@ def rate(text: str) -> float:
     if not 0.0 < fps <= MOST_FPS:
         raise argparse.ArgumentTypeError(f"{text!r}: a number above 0, at most {MOST_FPS}")
     return fps
+
+
+def share(text: str) -> float:
+    """A number from 0 to 1."""
+    try:
+        found = float(text)
+    except ValueError:
+        found = -1.0
+    if not 0.0 <= found <= 1.0:
+        raise argparse.ArgumentTypeError(f"{text!r}: a number from 0 to 1")
+    return found
 
 
 def seconds(text: str) -> float:
@@ -254,6 +265,22 @@ def add_profiles(parser: Arguments) -> None:
         "3.5 alone; dwaa is lossy"
     )
     parser.add_argument("--compression", choices=COMPRESSIONS, default=COMPRESSIONS[0], help=how)
+
+
+def add_shine(parser: Arguments) -> None:
+    """Add `--level L` and `--base-roughness R`."""
+    which = (
+        "level of slopes, roughness, anisotropy and normals: 1 has half as many texels per side as "
+        f"the displacement (default: {USUAL.of_moments}; of normals 0)"
+    )
+    parser.add_argument("--level", type=int, choices=range(15), metavar="L", help=which)
+    base = (
+        "roughness of skin without relief, of the profiles roughness and anisotropy, 0 to 1 "
+        f"(default: {USUAL.roughness})"
+    )
+    parser.add_argument(
+        "--base-roughness", type=share, default=USUAL.roughness, metavar="R", help=base
+    )
 
 
 def add_device(parser: Arguments, more: str = "") -> None:

@@ -12,7 +12,7 @@ from typing import Any
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import Lengths
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
-from rhytid.engine.messages import MapQuery
+from rhytid.engine.messages import DISPLACEMENT, MapQuery
 
 # Settings that a method does not read: its tiles stay the same when they change. `preset` only
 # names values of `bins`. Every other setting changes the keys.
@@ -27,14 +27,17 @@ _UNREAD: dict[str, tuple[str, ...]] = {
 def map_key(
     asset: str, settings: AssetSettings, drawn_by: str, frame: Frame, query: MapQuery, place: str
 ) -> str:
-    """Names a tile or a map of an asset with its present settings. The key of `neutral` is the same
-    in every frame.
+    """Names a tile or a map of an asset with its present settings. The key of displacement by
+    `neutral` is the same in every frame; slopes are on the surface of the frame.
 
     drawn_by: the device and the version of the drawing.  place: the address in the asset.
     """
-    digest = NEUTRAL_FRAME.digest if query.method == "neutral" else frame.digest
     revision = _settings_key(asset, settings, drawn_by, query.method)
-    return _digest([revision, digest, query.method, query.stretch, query.sampling, place])
+    chosen = [query.method, query.stretch, query.sampling, place]
+    if query.layer != DISPLACEMENT:
+        return _digest([revision, frame.digest, *chosen, query.layer])
+    digest = NEUTRAL_FRAME.digest if query.method == "neutral" else frame.digest
+    return _digest([revision, digest, *chosen])
 
 
 @lru_cache(maxsize=256)

@@ -32,6 +32,8 @@ Tile = NDArray[np.float32]
 METHODS = ("neutral", "redraw", "binned", "convolved")
 STRETCH_MODELS = ("tensor", "tension", "uv")
 SAMPLINGS = ("nearest", "smooth")
+# What a texel has: its displacement, or moments of the slopes under it.
+LAYERS = DISPLACEMENT, SLOPES = ("displacement", "slopes")
 # The states of a job in which nothing more will happen.
 ENDED_STATES = ("done", "failed", "cancelled")
 
@@ -116,8 +118,8 @@ class TileDescription:
 class TilePlan:
     """A tile or a map that is named and not drawn yet.
 
-    draw: draws its displacement (n, n) float32, mesh units, row 0 at the top; raises BusyError
-    where too many calls wait for the device.
+    draw: draws its displacement (n, n) float32, mesh units, row 0 at the top, or its moments
+    (n, n, 5); raises BusyError where too many calls wait for the device.
     """
 
     description: TileDescription
@@ -138,9 +140,10 @@ class TilePlan:
 class DrawnTile:
     """A tile or a map.
 
-    tile: displacement (n, n) float32, mesh units, row 0 at the top.  description: what it was
-    planned as.  key: the key that the same place had once it was drawn: where it is another, the
-    asset or the frame was changed meanwhile, and the tile may be of either.
+    tile: displacement (n, n) float32, mesh units, row 0 at the top, or moments of slopes (n, n, 5)
+    in the order of `pipeline/slopes.py`.  description: what it was planned as.  key: the key that
+    the same place had once it was drawn: where it is another, the asset or the frame was changed
+    meanwhile, and the tile may be of either.
     """
 
     tile: NDArray[np.float32]
@@ -235,12 +238,13 @@ class FrameInfo:
 
 @dataclass(frozen=True)
 class MapQuery:
-    """Chooses a displacement by the method, the stretch model and the sampling (sections 3 and
-    7)."""
+    """Chooses a displacement by the method, the stretch model and the sampling (sections 3 and 7),
+    and what of it is asked for."""
 
     method: str = "redraw"
     stretch: str = "tensor"
     sampling: str = "nearest"
+    layer: str = DISPLACEMENT
 
     def __post_init__(self) -> None:
         for name, known in _QUERY.items():
@@ -249,7 +253,9 @@ class MapQuery:
                 raise QueryError(f"{name} {value!r}: one of {', '.join(known)}")
 
 
-_QUERY = {"method": METHODS, "stretch": STRETCH_MODELS, "sampling": SAMPLINGS}
+_QUERY = {
+    "method": METHODS, "stretch": STRETCH_MODELS, "sampling": SAMPLINGS, "layer": LAYERS,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

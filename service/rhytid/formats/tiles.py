@@ -1,9 +1,10 @@
-"""Displacement tiles as files: npy, f16, exr, exr16 and png."""
+"""Tiles as files: displacement as npy, f16, exr, exr16 and png, moments of slopes as npy and
+exr."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,12 +12,16 @@ from numpy.typing import NDArray
 
 from rhytid.errors import QueryError
 from rhytid.formats.exr import encode_exr
+from rhytid.formats.exr_encoder import exr_parts
 from rhytid.formats.png import encode_png
 from rhytid.formats.tile_header import TileHeader
 
 __all__ = ["FORMATS", "Encoded", "TileFormat", "TileHeader", "encode", "quantise"]
 
 Tile = NDArray[np.float32]
+# Those that moments of slopes can be asked for in, and what their values are.
+OF_SLOPES = ("npy", "exr")
+SLOPE_CHANNELS = ("x", "y", "xx", "xy", "yy")
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,8 @@ class TileFormat:
 
 
 def encode(tile: Tile, format: str, header: TileHeader) -> Encoded:
-    """A tile (h, w) of displacement, in the unit of the header, in one of FORMATS.
+    """A tile (h, w) of displacement, in the unit of the header, in one of FORMATS; or moments (h,
+    w, 5) in one of OF_SLOPES.
 
     Raises QueryError for an unknown format and for a displacement that half floats cannot hold,
     StorageError where an exr cannot be written.
@@ -52,7 +58,16 @@ def encode(tile: Tile, format: str, header: TileHeader) -> Encoded:
     kind = FORMATS.get(format)
     if kind is None:
         raise QueryError(f"format {format!r:.40}: one of {', '.join(FORMATS)}")
+    if tile.ndim == 3 and format == "exr":
+        parts = slope_parts(tile, {**header.attributes(), "layer": "slopes"})
+        return Encoded(b"".join(parts), kind.media_type, kind.extension)
     return Encoded(kind.encode(tile, header), kind.media_type, kind.extension)
+
+
+def slope_parts(moments: Tile, attributes: Mapping[str, str | int | float]) -> list[bytes]:
+    """Moments (h, w, 5) as OpenEXR of the channels slope.x, slope.y, slope.xx, slope.xy, slope.yy,
+    in parts."""
+    return exr_parts(moments, attributes, tuple(f"slope.{name}" for name in SLOPE_CHANNELS))
 
 
 def quantise(tile: Tile, scale: float) -> NDArray[np.uint16]:

@@ -1,5 +1,5 @@
-"""Moments of slopes on the surface: mean slope and mean products of slopes over each texel. Kernels:
-slopes.cl, level.cl.
+"""Moments of slopes on the surface: mean slope and mean products of slopes over each texel.
+Kernels: slopes.cl, level.cl.
 
 After Olano and Baker 2010, "LEAN mapping", and Dupuy et al. 2013, "LEADR mapping": what a coarse
 level shows of light is the distribution of the slopes of level 0, so they and their products are
@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
+from rhytid.formats.tiles import SLOPE_CHANNELS
 from rhytid.pipeline.levels import Levels, Part, coarser
 from rhytid.pipeline.vectors import VECTOR, VectorTriangles
 
 # Mean slope along T and B, and the means of their products.
-MOMENTS = ("x", "y", "xx", "xy", "yy")
+MOMENTS = SLOPE_CHANNELS
 # Floats of a triangle, TERMS of slopes.cl.
 TERMS = 32
 # Bits of a texel's code, as slopes.cl has them.
@@ -150,7 +151,10 @@ class SlopeStage:
         the map may be anything finite. The square must lie in one strip, or be a tile."""
         device, stride = self._device, around.shape[1]
         side = stride - 2
-        held, planes = device.upload(around), [device.empty(side * side, np.float32) for _ in MOMENTS]
+        held, planes = (
+            device.upload(around),
+            [device.empty(side * side, np.float32) for _ in MOMENTS],
+        )
         strip = chart.strip_of(row)
         at = self._surface(chart, strip, (row, column), held, stride, stride + 1, terms)
         device.launch("slopes", "finest", (side // VECTOR, side), *at, *planes)

@@ -40,6 +40,10 @@ HEADER = TileHeader("cm", "0007", "a1b2", "redraw", "tensor", "nearest", 1002, 0
 MESH = grid_mesh(curved, 4)
 HEIGHTS = np.random.default_rng(3).uniform(-0.03, 0.02, (SIDE, SIDE)).astype(np.float32)
 STRETCH = np.random.default_rng(6).uniform(-0.5, 0.5, (len(MESH.positions), 7))
+MOMENTS = (
+    np.random.default_rng(7).uniform(0, 0.5, (SIDE // 4, SIDE // 4, 5)).astype(np.float32),
+    np.ones((SIDE // 4, SIDE // 4), np.float32),
+)
 WEIGHTS = np.random.default_rng(4).uniform(0, 1, (len(MESH.faces), 3, 2))
 
 
@@ -55,7 +59,8 @@ def frame_map(mesh: Mesh, triangles: NDArray[np.int32]) -> FrameMap:
     posed = Posed.of(mesh, mesh.positions)
     found = lambda: padding, lambda: chart, lambda: posed, lambda: WEIGHTS
     stretch, blood = VertexField(STRETCH, mesh.faces), VertexField(STRETCH[:, :1], mesh.faces)
-    return FrameMap(HEADER, DEPTH, lambda: HEIGHTS, *found, lambda: stretch, lambda: blood)
+    fields = lambda: stretch, lambda: blood
+    return FrameMap(HEADER, DEPTH, lambda: HEIGHTS, *found, *fields, lambda level: MOMENTS)
 
 
 def written(name: str, drawn: FrameMap, folder: Path, level: int = 0) -> Texture:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rhytid_client import npy, parse
 from rhytid_client.calls.asset_calls import asset_id, strictly
-from rhytid_client.choices import Method, Sampling, StretchModel, TileFormat
+from rhytid_client.choices import Layer, Method, Sampling, StretchModel, TileFormat
 from rhytid_client.errors import BadAnswer
 from rhytid_client.exchange import Flow
 from rhytid_client.multipart_mixed import boundary_of, read_mixed
@@ -34,6 +34,7 @@ def tile(
     method: Method = "redraw",
     stretch: StretchModel = "tensor",
     sampling: Sampling = "nearest",
+    layer: Layer = "displacement",
     format: TileFormat = "npy",
     if_none_match: Tile | None = None,
 ) -> Flow[Tile]:
@@ -41,10 +42,11 @@ def tile(
 
     method: neutral, redraw, binned or convolved.  format: npy (float32), f16, exr, exr16 or png.
     stretch: how it is measured: tensor, tension (mesh tension, one value for all directions) or uv
-    (along u and v).
+    (along u and v).  layer: slopes: in place of displacement the moments of slopes (n, n, 5), mean
+    slope along tangent and bitangent and the means of xx, xy and yy; npy and exr alone.
     if_none_match: a tile had before: it is returned itself where it has not changed.
     """
-    query = {"method": method, "stretch": stretch, "sampling": sampling, "format": format}
+    query = _query(method, stretch, sampling, layer, format)
     place = ("v1", "assets", asset_id(asset), "frames", frame, "tiles", udim, level, row, column)
     wanted = get(*place, params=query, headers=_known(if_none_match))
     label = f"{udim}.{frame}.{level}.{row}.{column}"
@@ -60,14 +62,15 @@ def map(
     method: Method = "redraw",
     stretch: StretchModel = "tensor",
     sampling: Sampling = "nearest",
+    layer: Layer = "displacement",
     format: TileFormat = "npy",
     if_none_match: Tile | None = None,
 ) -> Flow[Tile]:
     """The whole map of one UDIM at a level; it equals its tiles bit for bit.
 
-    method, stretch, sampling, format, if_none_match: as for a tile.
+    method, stretch, sampling, layer, format, if_none_match: as for a tile.
     """
-    query = {"method": method, "stretch": stretch, "sampling": sampling, "format": format}
+    query = _query(method, stretch, sampling, layer, format)
     place = ("v1", "assets", asset_id(asset), "frames", frame, "maps", udim)
     wanted = get(*place, params={"level": level, **query}, headers=_known(if_none_match))
     label = f"{udim}.{frame}.{level}" if level else f"{udim}.{frame}"
@@ -82,6 +85,7 @@ def tiles(
     method: Method = "redraw",
     stretch: StretchModel = "tensor",
     sampling: Sampling = "nearest",
+    layer: Layer = "displacement",
     format: TileFormat = "npy",
     strict: bool = False,
     allow: str | Iterable[str] = (),
@@ -89,12 +93,12 @@ def tiles(
     """Positions (V, 3) in, tiles out in the order of `addresses`, in one round trip.
 
     An address is (udim, level, row, column). Nothing is stored.
-    method, stretch, sampling, format: as for a tile.
+    method, stretch, sampling, layer, format: as for a tile.
     strict: RequestError, and nothing is drawn, where there would be `warnings`; allow: but for
     those of these codes.
     """
     names = ["/".join(str(number) for number in address) for address in addresses]
-    query = {"method": method, "stretch": stretch, "sampling": sampling, "format": format}
+    query = _query(method, stretch, sampling, layer, format)
     params = (*(("tile", name) for name in names), *query.items(), *strictly(strict, allow))
     place = ("v1", "assets", asset_id(asset), "tiles")
     response = yield with_positions("POST", *place, positions=positions, params=params)
@@ -139,6 +143,14 @@ def bin_tile(
     given = {"bin": bin, "sample": sample, "layer": layer}
     query = {name: value for name, value in given.items() if value is not None}
     return npy.decode(parse.content((yield get(*place, params=query))))
+
+
+def _query(
+    method: str, stretch: str, sampling: str, layer: str, format: str
+) -> dict[str, str | int]:
+    """The query of a tile or a map. Servers without layers are not told of the usual one."""
+    query = {"method": method, "stretch": stretch, "sampling": sampling, "format": format}
+    return {**query, **({} if layer == "displacement" else {"layer": layer})}
 
 
 def _known(tile: Tile | None) -> dict[str, str]:

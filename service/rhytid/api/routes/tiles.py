@@ -25,7 +25,14 @@ from rhytid.api.dependencies import (
 )
 from rhytid.api.documentation import POSITIONS, TILES, TILES_ONCE, problems
 from rhytid.api.encoded_tiles import Asked
-from rhytid.api.encoding import TEXEL, WORKING, answer, check_format, scale_header, warnings_header
+from rhytid.api.encoding import (
+    WORKING,
+    answer,
+    check_format,
+    scale_header,
+    texel_bytes,
+    warnings_header,
+)
 from rhytid.api.multipart import MixedPart, mixed_response
 from rhytid.api.quick_route import TileRoute
 from rhytid.api.schemas import TileQuery, TilesQuery, WholeMapQuery
@@ -112,14 +119,14 @@ def tiles_once(
 
     What is probably wrong with the positions is in the header `X-Rhytid-Warnings`.
     """
-    check_format(query.format)
+    check_format(query.format, query.layer)
     wanted, frame = query.map_query(), Frame.of(positions)
     addresses = [TileAddress.parse(text) for text in query.tile]
     texels = check_texels(engine.assets.dimensions(asset), addresses)
     warnings = engine.frames.warnings(asset, frame, strict=query.strict, allow=query.allow)
     parts = []
     with slot:
-        hold = memory.answer(WORKING * TEXEL * texels)
+        hold = memory.answer(WORKING * texel_bytes(wanted) * texels)
         for address in addresses:
             drawn = engine.tiles.draw(asset, frame, wanted, address)
             with working_on(wanted.method), metrics.figures.stage("encode"):

@@ -31,6 +31,7 @@ from rhytid.domain.warnings import InputWarning
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import InputError
+from rhytid.exports.textures import Shine
 from rhytid.exports.textures.profiles import profiles_of
 from rhytid.formats.frame_set import Clip
 from rhytid.storage.store import AssetStore
@@ -64,6 +65,7 @@ class WorkerJob:
     profiles: tuple[str, ...]
     compression: str
     blood_seconds: float
+    shine: Shine
     geometry: str | None
     subdivide: int
     query: MapQuery
@@ -94,6 +96,7 @@ class WorkerJob:
             profiles=tuple(profile.name for profile in request.profiles),
             compression=request.compression,
             blood_seconds=request.blood_seconds,
+            shine=request.shine,
             geometry=request.geometry,
             subdivide=request.subdivide,
             query=baker.query,
@@ -193,7 +196,8 @@ class BakeSession:
         frames = FrameFiles(file, job.frames if job.files else [], job.clip)
         asset = stored(self._engine, job.asset, file.mesh)
         geometry = Geometry(file.mesh, job.geometry, job.subdivide) if job.geometry else None
-        output = Output(Path(job.out), job.name, profiles_of([*job.profiles], job.compression))
+        profiles = profiles_of([*job.profiles], job.compression, job.shine)
+        output = Output(Path(job.out), job.name, profiles)
         warnings = UnprintedWarnings("bake", job.strict, job.allow)
         return Baker(
             self._engine,

@@ -101,6 +101,10 @@ def _options(request: BakeRequest) -> list[str]:
     words += ["--fps", repr(request.clip.fps)]
     if any(profile.lagging for profile in request.profiles):
         words += ["--blood-time", repr(request.blood_seconds)]
+    if any(profile.of_slopes for profile in request.profiles):
+        words += ["--base-roughness", repr(request.shine.roughness)]
+    if request.shine.level is not None:
+        words += ["--level", str(request.shine.level)]
     for name, value in (("prim", request.clip.prim), ("clip", request.clip.clip)):
         if value is not None and "{{" in value:
             raise InputError(f"--{name} {value}: a job cannot hold a name with '{{{{'")

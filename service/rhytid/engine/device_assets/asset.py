@@ -13,6 +13,7 @@ from rhytid.engine.device_assets.drawing import DeviceDrawing, DeviceNeutral
 from rhytid.engine.device_assets.frames import DeviceEvents, DeviceFrames, DeviceGrain
 from rhytid.engine.device_assets.levels import DeviceFinest, DeviceLevels
 from rhytid.engine.device_assets.mesh import DeferredWork, DeviceMesh
+from rhytid.engine.device_assets.slopes import DeviceSlopes
 from rhytid.engine.frames import NEUTRAL_FRAME
 from rhytid.engine.messages import MapQuery
 from rhytid.pipeline.work import BLOCK
@@ -24,7 +25,7 @@ class DeviceAsset:
 
     mesh: the mesh and its wrinkles.  frames: stretch of frames.  bins: precomputed maps.  neutral:
     neutral squares that `convolved` reads.  drawing: level 0 by every method.  finest: level 0,
-    kept.  levels: squares of every level.
+    kept.  levels: squares of every level.  slopes: moments of slopes.
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class DeviceAsset:
         self.drawing = DeviceDrawing(self.mesh, self.frames, grain, self.bins, self.neutral, events)
         self.finest = DeviceFinest(self.mesh, self.drawing)
         self.levels = DeviceLevels(self.mesh, self.finest)
+        self.slopes = DeviceSlopes(self.mesh)
 
     def make(self, deferred: DeferredWork) -> None:
         """Do the work that a task deferred, unless it is done by now, and keep its result; on a

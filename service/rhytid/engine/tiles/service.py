@@ -17,10 +17,11 @@ from rhytid.engine.assets.on_device import DeviceAssets
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import Frame
 from rhytid.engine.keys import map_key
-from rhytid.engine.messages import DrawnTile, MapQuery, Tile, TileDescription, TilePlan
+from rhytid.engine.messages import SLOPES, DrawnTile, MapQuery, Tile, TileDescription, TilePlan
 from rhytid.engine.operations import Tiles
 from rhytid.engine.tiles.batcher import TileBatcher
 from rhytid.engine.tiles.maps import MapDrawing
+from rhytid.engine.tiles.slopes import SlopeDrawing
 from rhytid.errors import NotFoundError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.pipeline.bins import HEADROOM
@@ -43,6 +44,7 @@ class TileService(Tiles):
     ) -> None:
         self._assets, self._on_device, self._batcher = registry, on_device, batcher
         self._maps = MapDrawing(on_device, most_waiting)
+        self._slopes = SlopeDrawing(on_device, self._maps)
         info = device.info
         # The device, where floats differ, and the version of the drawing.
         self._drawn_by = f"{info.platform}/{info.version}/{info.name}/{drawing_version()}"
@@ -82,12 +84,14 @@ class TileService(Tiles):
         """Plan a tile or a whole level of a UDIM; raises what `draw` does."""
         found = self._assets.get(asset)
         at = place if isinstance(place, TileAddress) else place.first
-        side = found.check_address(at)
+        found.check_address(at)
         drawn, name = found.frame(frame), frame if isinstance(frame, str) else ""
-        if isinstance(place, TileAddress):
+        side = found.settings.grid.side_of(place)
+        if query.layer == SLOPES:
+            draw = partial(self._slope_square, found, drawn, query, place)
+        elif isinstance(place, TileAddress):
             draw = partial(self._tile, found, drawn, query, at, side)
         else:
-            side = found.settings.grid.side(at.level)
             whole = (0, 0, side)
             draw = partial(self._maps.square, found, drawn, query, at.udim, at.level, whole)
         key = map_key(asset, found.settings, self._drawn_by, drawn, query, str(place))
@@ -100,6 +104,23 @@ class TileService(Tiles):
         found = self._assets.get(asset)
         found.check_address(TileAddress(udim, 0, 0, 0))
         return self._on_device.use(found, lambda resident: resident.mesh.texel_triangles(udim))
+
+    def slope_moments(
+        self,
+        asset: str,
+        frame: Frame,
+        query: MapQuery,
+        place: MapAddress,
+        heights: Tile,
+        terms: NDArray[np.float32],
+    ) -> tuple[Tile, Tile]:
+        """(n, n, 5) moments of slopes of a whole level of a UDIM, 0 where no triangle is, and (n,
+        n) the share of each texel that has one. Raises what `plan` does.
+
+        heights: (R, R) displacement of level 0, drawn already.  terms: `slope_terms` of the frame.
+        """
+        found = self._assets.get(asset)
+        return self._slopes.of_heights(found, frame, query, place, heights, terms)
 
     def cushion_lines(self, asset: str, udim: int) -> LineSources:
         """What the wrinkles of a UDIM answer to stretch by; raises NotFoundError where an asset has
@@ -170,6 +191,14 @@ class TileService(Tiles):
         found = self._assets.get(asset)
         stored = found.frame(frame)
         return map_key(asset, found.settings, self._drawn_by, stored, query, place)
+
+    def _slope_square(
+        self, asset: Asset, frame: Frame, query: MapQuery, place: TileAddress | MapAddress
+    ) -> Tile:
+        grid = asset.settings.grid
+        corner = grid.first_texel(place) if isinstance(place, TileAddress) else (0, 0)
+        square = (*corner, grid.side_of(place))
+        return self._slopes.square(asset, frame, query, place.udim, place.level, square)
 
     def _tile(
         self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress, side: int

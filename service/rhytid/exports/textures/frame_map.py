@@ -47,7 +47,8 @@ class FrameMap:
     displacement, mesh units, row 0 at the top.  padding: of the texels next to islands.  chart: its
     texels on the mesh.  posed: the surface of the frame.  weights: (F, 3, 2) of corners, stretch
     and compression.  stretch: log stretch at vertices, as `vertex_stretch` has it.  blood: (1, ) of
-    vertices, as `BloodFlow` has it.
+    vertices, as `BloodFlow` has it.  slopes: of a level, moments (n, n, 5) of slopes and the share
+    (n, n) of each texel that has skin.
     """
 
     header: TileHeader
@@ -59,6 +60,7 @@ class FrameMap:
     weights: Callable[[], NDArray[np.float64]]
     stretch: Callable[[], VertexField]
     blood: Callable[[], VertexField]
+    slopes: Callable[[int], tuple[NDArray[np.float32], NDArray[np.float32]]]
 
     def bordered(self) -> NDArray[np.float32]:
         """The displacement; within the padding, texels have that of the nearest texel inside."""
@@ -122,11 +124,11 @@ class Chart:
         covered = triangles < len(mesh.faces)
         if not covered.any():
             raise MeshError(f"no texel of UDIM {udim} shows a triangle: the resolution is too low")
-        filled = triangles.reshape(-1)[_nearest(covered)]
+        filled = triangles.reshape(-1)[nearest_known(covered)]
         inside = texels_inside(filled, edges) & covered
         # Triangles that all lie between the centres of texels.
         inside = inside if inside.any() else covered
-        return cls(filled, covered, inside, _nearest(inside), islands_of(mesh), edges)
+        return cls(filled, covered, inside, nearest_known(inside), islands_of(mesh), edges)
 
     def padded(self, values: NDArray[T]) -> NDArray[T]:
         """(R, R, …) values whose texels outside of the islands have the value of the nearest texel
@@ -247,7 +249,7 @@ def _barycentric(
     return np.stack([1.0 - second - third, second, third], axis=1)
 
 
-def _nearest(known: NDArray[np.bool_]) -> NDArray[np.int32]:
+def nearest_known(known: NDArray[np.bool_]) -> NDArray[np.int32]:
     """(R, R) the number of the nearest texel that is known, row by row."""
     row, column = _nearest_places(known)
     found: NDArray[np.int32] = row * np.int32(known.shape[1]) + column

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from rhytid.errors import QueryError
-from rhytid.exports.textures import stretch, writers
+from rhytid.exports.textures import USUAL, Shine, shine, stretch, writers
 from rhytid.exports.textures.frame_map import Facts, FrameMap
 from rhytid.exports.textures.writers import image_library
 from rhytid.formats.exr_encoder import renamed as exr_renamed
@@ -28,9 +28,9 @@ class Profile:
     `--compression` is for it.  facts: for readers of the files, the same for all files of an asset.
     described: whether the facts are in a file beside them, too.  drawn: whether it shows
     displacement, and not only the stretch of the frame.  posed: whether it reads the positions of
-    the frame, too.  lagging: whether it reads those of frames before it.  tiled: whether it needs
-    OpenImageIO.  renamed: a file with another text for one of its attributes; None where there is
-    no quick way.
+    the frame, too.  lagging: whether it reads those of frames before it.  of_slopes: whether it is
+    made of moments of slopes.  tiled: whether it needs OpenImageIO.  renamed: a file with another
+    text for one of its attributes; None where there is no quick way.
     """
 
     name: str
@@ -47,6 +47,7 @@ class Profile:
     posed: bool = False
     lagging: bool = False
     tiled: bool = False
+    of_slopes: bool = False
     renamed: Callable[[bytes, str, str], list[bytes]] | None = exr_renamed
 
     def file_name(self, name: str, udim: int, frame: str) -> str:
@@ -68,6 +69,27 @@ class Profile:
         write: Callable[..., None] = self.write
         key = f"{self.key}-{compression}"
         return replace(self, key=key, write=partial(write, compression=compression))
+
+    def shiny(self, how: Shine) -> Profile:
+        """The profile of a level, where it is made of slopes: normals where one is given."""
+        write: Callable[..., None] = self.write
+        facts: Callable[..., Facts] = self.facts
+        if self.name.startswith("normal") and how.level is not None:
+            write, facts = shine.write_mean_normals, partial(shine.normal_facts, self.facts)
+        elif not self.of_slopes:
+            return self
+        if how.of_moments == 0 and self.name in ("roughness", "anisotropy"):
+            raise QueryError(
+                f"{self.name} of level 0: a texel there has one slope; choose level 1 or coarser"
+            )
+        return replace(
+            self,
+            key=f"{self.key}-{how.of_moments}-{how.roughness!r}",
+            write=partial(write, shine=how),
+            facts=partial(facts, shine=how),
+            texel_bytes=self.texel_bytes / 4**how.of_moments,
+            of_slopes=True,
+        )
 
     def check(self) -> None:
         """Raise InputError where a library that the profile needs is missing."""
@@ -114,6 +136,20 @@ _ALL = (
         stretch.write_blood, stretch.blood_facts, drawn=False, lagging=True, renamed=png_renamed,
     ),
     Profile(
+        "slopes", "slopes-1", ".exr", f"slopes.{_UDIM_FIRST}", 20.0, 48,
+        shine.write_slopes, shine.slope_facts, described=False, posed=True, of_slopes=True,
+    ),
+    Profile(
+        "roughness", "roughness-1", ".png", f"roughness.{_UDIM_FIRST}", 6.0, 64,
+        shine.write_roughness, shine.roughness_facts, posed=True, of_slopes=True,
+        renamed=png_renamed,
+    ),
+    Profile(
+        "anisotropy", "anisotropy-1", ".png", f"anisotropy.{_UDIM_FIRST}", 6.0, 64,
+        shine.write_anisotropy, shine.anisotropy_facts, posed=True, of_slopes=True,
+        renamed=png_renamed,
+    ),
+    Profile(
         "mip", "mip-1", ".exr", f"mip.{_UDIM_FIRST}", _MIPMAPPED, 16,
         writers.write_mipmapped, writers.plain_facts, described=False, tiled=True, renamed=None,
     ),
@@ -125,18 +161,23 @@ _ALL = (
 PROFILES: Mapping[str, Profile] = {profile.name: profile for profile in _ALL}
 
 
-def profiles_of(names: list[str], compression: str = "zip") -> tuple[Profile, ...]:
+def profiles_of(
+    names: list[str], compression: str = "zip", how: Shine = USUAL
+) -> tuple[Profile, ...]:
     """The profiles of these names, each once, in the order of the table.
 
-    compression: one of COMPRESSIONS, of the profiles float and half.
+    compression: one of COMPRESSIONS, of the profiles float and half.  how: of those made of slopes,
+    and of normals.
 
-    Raises QueryError for an unknown name and where two would write the same files, InputError where
-    a library is missing.
+    Raises QueryError for an unknown name, for roughness of level 0 and where two would write the
+    same files, InputError where a library is missing.
     """
     for name in names:
         if name not in PROFILES:
             raise QueryError(f"profile {name!r:.40}: one of {', '.join(PROFILES)}")
-    found = tuple(profile.compressed(compression) for profile in _ALL if profile.name in names)
+    found = tuple(
+        profile.compressed(compression).shiny(how) for profile in _ALL if profile.name in names
+    )
     patterns = [profile.pattern("NAME") for profile in found]
     for number, pattern in enumerate(patterns):
         if (first := patterns.index(pattern)) != number:

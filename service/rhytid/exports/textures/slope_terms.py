@@ -1,5 +1,6 @@
-"""What slopes on the surface are made with, for `pipeline/slopes.py`: the tangent frame and the metric
-of each triangle of a frame, and which neighbours of a texel its slope may use. All in double.
+"""What slopes on the surface are made with, for `pipeline/slopes.py`: the tangent frame and the
+metric of each triangle of a frame, and which neighbours of a texel its slope may use. All in
+double.
 
 It is the tangent frame of normal maps (`writers.py`), but with unit vectors: T is the interpolated
 tangent in the plane of the interpolated normal n, B is sign n x T.
@@ -20,11 +21,12 @@ _ROWS = 512
 
 
 def neighbour_codes(mesh: Mesh, udim: int, triangles: NDArray[np.int32]) -> NDArray[np.uint8]:
-    """(R, R) codes of the texels of a UDIM, row 0 at the top: whether the centre lies in a triangle,
-    and which neighbours count. Those of another island do not; of the same one, those outside of
-    its triangles count where there is no other, as for normal maps.
+    """(R, R) codes of the texels of a UDIM, row 0 at the top: whether the centre lies in a
+    triangle, and which neighbours count. Those of another island do not; of the same one, those
+    outside of its triangles count where there is no other, as for normal maps.
 
-    triangles: (R, R) the triangle of each texel, padding included; the number of triangles for none.
+    triangles: (R, R) the triangle of each texel, padding included; the number of triangles for
+    none.
     """
     shown = triangles < len(mesh.faces)
     inside = texels_inside(np.where(shown, triangles, 0), local_edges(mesh, udim)) & shown
@@ -46,7 +48,7 @@ def _codes(island: NDArray[np.int32], inside: NDArray[np.bool_]) -> NDArray[np.u
     island = np.pad(island, ((0, 0), (1, 1)), constant_values=-1)
     inside = np.pad(inside, ((0, 0), (1, 1)))
     middle = island[1:-1, 1:-1]
-    code = inside[1:-1, 1:-1] * np.uint8(INSIDE)
+    code: NDArray[np.uint8] = inside[1:-1, 1:-1] * np.uint8(INSIDE)
     pairs = (
         (RIGHT, np.s_[1:-1, 2:], LEFT, np.s_[1:-1, :-2]),
         (ABOVE, np.s_[:-2, 1:-1], BELOW, np.s_[2:, 1:-1]),
