@@ -203,7 +203,7 @@ def test_every_error_is_documented_as_a_problem(document: dict[str, Any]) -> Non
 def test_query_parameters_are_documented(document: dict[str, Any]) -> None:
     call = document["paths"]["/v1/assets/{asset}/frames/{frame}/maps/{udim}"]["get"]
     query = {p["name"]: p["schema"] for p in call["parameters"] if p["in"] == "query"}
-    assert query.keys() == {"method", "stretch", "sampling", "format", "level"}
+    assert query.keys() == {"method", "stretch", "sampling", "layer", "format", "level"}
     assert "redraw" in query["method"]["enum"]
     assert call["responses"]["200"]["content"].keys() >= {"application/x-npy", "image/png"}
 

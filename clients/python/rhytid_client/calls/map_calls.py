@@ -145,9 +145,7 @@ def bin_tile(
     return npy.decode(parse.content((yield get(*place, params=query))))
 
 
-def _query(
-    method: str, stretch: str, sampling: str, layer: str, format: str
-) -> dict[str, str | int]:
+def _query(method: str, stretch: str, sampling: str, layer: str, format: str) -> dict[str, str]:
     """The query of a tile or a map. Servers without layers are not told of the usual one."""
     query = {"method": method, "stretch": stretch, "sampling": sampling, "format": format}
     return {**query, **({} if layer == "displacement" else {"layer": layer})}
