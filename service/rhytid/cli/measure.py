@@ -73,7 +73,7 @@ def add_command(commands: Commands) -> None:
     add_device(parser)
     add_json(parser)
     add_strict(parser)
-    parser.set_defaults(run=run, usage_error=parser.refuse)
+    parser.set_defaults(run=run, usage_error=parser.refuse, residual=[])
 
 
 def _add_places(group: argparse._ArgumentGroup) -> None:
