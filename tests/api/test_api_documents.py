@@ -182,7 +182,7 @@ def test_the_service_takes_what_the_schema_of_the_settings_allows(
 def test_settings_are_sent_as_that_schema(document: dict[str, Any]) -> None:
     assets = document["paths"]["/v1/assets"]
     form = assets["post"]["requestBody"]["content"]["multipart/form-data"]
-    assert form["schema"]["properties"]["settings"]["$ref"].endswith("/AssetSettings")
+    assert form["schema"]["properties"]["settings"]["$ref"].endswith("/UploadSettings")
     assert form["encoding"]["settings"]["contentType"] == "application/json"
     change = document["paths"]["/v1/assets/{asset}"]["patch"]["requestBody"]["content"]
     assert change["application/json"]["schema"]["$ref"].endswith("/SettingsChange")

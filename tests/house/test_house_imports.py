@@ -33,7 +33,7 @@ ALLOWED = {
     "storage": _TOOLS,
     "exports": _FACTS | {"formats", "pipeline"},
     "engine": _TOOLS | _WORK | {"exports", "tracing"},
-    "processes": _TOOLS | {"engine", "storage"},
+    "processes": _TOOLS | {"engine", "meshes", "storage"},
     "fleet": _TOOLS | {"api", "engine", "processes", "storage"},
     "api": _TOOLS | {"engine", "exports", "processes", "storage"},
     "baking": _TOOLS | {"engine", "exports", "meshes", "storage", "synthesis"},

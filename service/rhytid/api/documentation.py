@@ -21,9 +21,10 @@ from rhytid.api.uploads import TAR
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import MOST_EXPRESSIONS
 from rhytid.domain.painted_maps import CONTROLS, MOST_TEXELS, REGION_PREFIX
+from rhytid.domain.scan import AUTO, FLIPS
 from rhytid.domain.setting_fields import settings_schema
 from rhytid.domain.settings_changes import CHANGEABLE
-from rhytid.formats.limits import MOST_SIDE
+from rhytid.formats.limits import MOST_SCAN_SIDE, MOST_SIDE
 from rhytid.formats.tiles import FORMATS
 
 Responses = dict[int | str, dict[str, Any]]
@@ -80,10 +81,44 @@ def reference(schema: str, description: str = "") -> dict[str, Any]:
 
 
 # Components that are made of the declarations of the settings.
+def _upload_settings() -> dict[str, Any]:
+    """The schema of what an upload may set: settings of the asset, and how a scan is read."""
+    number = {"type": "number"}
+    scale = [number, {"type": "array", "items": number, "minItems": 1, "maxItems": 3}]
+    how = {
+        "scale": {
+            "oneOf": scale,
+            "description": "length of the full range of codes, or of 1 in floats; three for bands, "
+            "from coarse to fine; below 0 turns the relief inside out; codes need one",
+        },
+        "unit": {"type": "string", "description": "of scale; absent: that of the mesh"},
+        "midlevel": {
+            "oneOf": [number, {"type": "string", "enum": [AUTO]}],
+            "description": "value without relief; absent: 0.5 for codes, 0 for floats",
+        },
+        "flip": {"type": "string", "enum": list(FLIPS), "description": "turns the maps over"},
+        "partial": {"type": "boolean", "description": "UDIMs of the mesh may have no map"},
+    }
+    scan = {
+        "type": "object",
+        "additionalProperties": False,
+        "properties": how,
+        "description": "how part scan is read",
+    }
+    place, same = "#/components/schemas/AssetSettings/properties", "as in AssetSettings"
+    names = settings_schema(AssetSettings())["properties"]
+    own = {name: {"$ref": f"{place}/{name}", "description": same} for name in names}
+    return {"type": "object", "additionalProperties": False, "properties": {**own, "scan": scan}}
+
+
 SETTINGS = {
     "AssetSettings": {
         **settings_schema(AssetSettings()),
         "description": "Settings of an asset. All are optional; unknown ones are refused.",
+    },
+    "UploadSettings": {
+        **_upload_settings(),
+        "description": "Settings of a new asset, and how its scan is read. All are optional.",
     },
     "SettingsChange": {
         **settings_schema(AssetSettings(), CHANGEABLE),
@@ -133,7 +168,7 @@ ASSET_FORM = body(
                 "required": ["mesh"],
                 "properties": {
                     "mesh": {**BINARY, "description": "OBJ, PLY, glTF, GLB or .npz, by filename"},
-                    "settings": reference("AssetSettings", "JSON, all of it optional"),
+                    "settings": reference("UploadSettings", "JSON, all of it optional"),
                     "graph": {
                         **BINARY,
                         "description": "safetensors; absent = synthesise. Its metadata may hold "
@@ -156,6 +191,16 @@ ASSET_FORM = body(
                         "named by it: stiffness.1002.png; 1 moves freely, 0 is rigid; "
                         "a UDIM without one is 1; "
                         f"at most {MOST_SIDE} texels per side and {MOST_TEXELS:,} in all",
+                    },
+                    "scan": {
+                        "type": "array",
+                        "items": BINARY,
+                        "description": "displacement along the normal, scanned or sculpted, one "
+                        "file per UDIM (repeat the part), named by it: head.1001.tif. EXR, PNG or "
+                        "TIFF, JPEG, grey or three bands; settings.scan says how it is read. Its "
+                        "lines and pores are traced in place of a synthesis, what they do not draw "
+                        f"stays, and at rest the skin is the scan; at most {MOST_SCAN_SIDE} texels "
+                        "per side. Warnings of `rhytid check --scan` are among those of the asset",
                     },
                     "shapes": {
                         **BINARY,

@@ -25,6 +25,7 @@ from rhytid.api.spool import Spool
 from rhytid.domain import blendshapes
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.scan import ScanSettings
 from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import BusyError, CancelledError, InputError, LimitError, MeshError
@@ -34,6 +35,7 @@ from rhytid.processes.decoding.decoder import Decoder
 from rhytid.processes.decoding.words import read_word
 
 MIB = 1 << 20
+SCAN = ScanSettings((0.02,), unit="mm")
 GREY = np.linspace(0, 1, 64, dtype=np.float16).reshape(8, 8)
 
 
@@ -64,7 +66,7 @@ def read(
     settings, file = AssetSettings(), spool.descriptor
     try:
         decoder = decoder or Decoder()
-        return decoder.read(parts, settings, force=True, hold=hold, gone=gone, file=file)
+        return decoder.read(parts, settings, SCAN, force=True, hold=hold, gone=gone, file=file)
     finally:
         spool.close()
         assert set(children(os.getpid())) <= set(before)
@@ -108,6 +110,24 @@ def test_what_a_process_decodes_is_what_a_thread_does(
     assert there.controls is not None
     assert here.controls is not None
     assert there.controls.maps.keys() == here.controls.maps.keys()
+
+
+def test_a_scan_is_decoded_in_a_process_and_measured(hold: Hold) -> None:
+    """At the resolution of the asset, with what is probably wrong with it."""
+    heights = np.linspace(-0.001, 0.001, 64**2, dtype=np.float16).reshape(64, 64)
+    found = read([*mesh("patch.obj", obj()), ("scan", ("s.1001.exr", exr(heights)))], hold)
+    assert found.scan is not None
+    assert found.scan.maps[1001].shape == (AssetSettings().resolution,) * 2
+    assert np.abs(found.scan.maps[1001]).max() == pytest.approx(0.001 * 0.002, rel=0.1)
+    assert {warning.code for warning in found.noted} >= {"scan-depth"}
+    assert hold.nbytes >= found.scan.maps[1001].nbytes
+
+
+def test_a_scan_that_promises_too_much_is_refused(hold: Hold) -> None:
+    bomb = grey_png(16000)
+    files: Files = [*mesh("patch.obj", obj()), ("scan", ("s.1001.png", bomb))]
+    with pytest.raises((LimitError, BusyError), match=r"memory|bytes"):
+        read(files, hold)
 
 
 def test_images_of_exr_are_decoded_in_one_process(

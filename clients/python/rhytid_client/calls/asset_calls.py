@@ -50,6 +50,8 @@ def create_asset(
     strict: bool = False,
     allow: str | Iterable[str] = (),
     shapes: File | ArrayLike | Mapping[str, ArrayLike] | None = None,
+    scan: Images | None = None,
+    scan_settings: Mapping[str, Any] | None = None,
 ) -> Flow[Asset]:
     """Send a mesh and have an asset built of it; `wait` for it before asking for tiles.
 
@@ -67,6 +69,10 @@ def create_asset(
     direction, turn, anisotropy, scale, pore_radius, events, and region_forehead and the like.
     shapes: expressions that lines grow by: positions (E, V, 3), or a mapping of names to positions
     (V, 3), or a .npy or .npz file; absent, those of the mesh file count, or its frames.
+    scan: displacement along the normal, scanned or sculpted, as EXR, PNG, TIFF or JPEG, given like
+    stiffness: its lines are traced and move, and at rest the skin is the scan.
+    scan_settings: how it is read: scale (a number, or three for bands; codes need one), unit,
+    midlevel (a number or "auto"), flip ("v", "u", "uv"), partial (UDIMs may have no map).
     progress: called with bytes sent and bytes in all.
     strict: RequestError, and nothing is kept, where there would be `warnings`; allow: but for those
     of these codes.
@@ -76,6 +82,8 @@ def create_asset(
     ValueError for a Trimesh without UV, TypeError for something else of trimesh.
     """
     parts = [_mesh(mesh, name)]
+    if scan_settings is not None:
+        settings = {**(settings or {}), "scan": dict(scan_settings)}
     if settings is not None:
         text = json.dumps(dict(settings), allow_nan=False).encode()
         parts.append(Part("settings", text, "application/json"))
@@ -84,6 +92,7 @@ def create_asset(
     if force:
         parts.append(Part("force", b"true", "text/plain"))
     parts += _images("stiffness", stiffness)
+    parts += _images("scan", scan)
     for control, images in (controls or {}).items():
         parts += _images(control, images)
     if shapes is not None:

@@ -104,8 +104,8 @@ def snapshot(
     request: Request, asset: AssetId, engine: EngineDep, slot: Slot, memory: Memory
 ) -> Response:
     """A built asset as one file, which `POST /v1/snapshots` of any server takes: mesh, wrinkles,
-    settings, stiffness maps, what was found in the build and the present settings, each with its
-    SHA-256. The same asset gives the same bytes. Frames are not in it."""
+    settings, stiffness maps, the residual of a scan, what was found in the build and the present
+    settings, each with its SHA-256. The same asset gives the same bytes. Frames are not in it."""
     memory.answer(WORKING * PIECE)
     with slot:
         made = memory.closing(engine.snapshots.of(asset))

@@ -28,9 +28,10 @@ from rhytid.api.multipart import Part
 from rhytid.api.schemas import Asset
 from rhytid.api.uploads import decode_json, require
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.scan import ScanSettings
 from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import NewAsset
-from rhytid.errors import InputError
+from rhytid.errors import InputError, SettingsError
 from rhytid.processes.decoding.decoder import Decoder
 
 router = APIRouter(prefix="/v1/assets", tags=["assets"], dependencies=[NoQuery])
@@ -83,9 +84,20 @@ def new_asset(parts: dict[str, Part], decoder: Decoder, hold: Hold, gone: Gone) 
     force = decode_json(parts["force"].data, "part force") if "force" in parts else False
     if not isinstance(force, bool):
         raise InputError(f"part force is {force!r}: must be true or false")
+    scan = _scan_settings(settings, "scan" in parts)
     chosen = AssetSettings.parse(settings).named_after(mesh.filename)
     file = mesh.spool.descriptor
-    return decoder.read(parts, chosen, force=force, hold=hold, gone=gone, file=file)
+    return decoder.read(parts, chosen, scan, force=force, hold=hold, gone=gone, file=file)
+
+
+def _scan_settings(settings: Any, sent: bool) -> ScanSettings:
+    """Take what settings say of a scan out of them.  sent: whether there is one. Raises
+    SettingsError."""
+    if not isinstance(settings, dict) or "scan" not in settings:
+        return ScanSettings()
+    if not sent:
+        raise SettingsError("scan says how part scan is read, but there is no such part")
+    return ScanSettings.parse(settings.pop("scan"))
 
 
 @router.get("", operation_id="listAssets", response_model=list[Asset], responses=problems(422))

@@ -92,11 +92,11 @@ def _decoded(line: Connection, file: int, job: Job, memory: _Memory) -> Any:
 
     exr.decode_here(begun)
     parts = _files(job, file, begun)
-    if more := promised(parts):
+    if more := promised(parts, job.settings.resolution):
         _tell(line, Promised(more))
         granted: Granted = _heard(line)
         memory.add(granted.nbytes)
-    return read_asset(parts, job.settings, force=job.force)
+    return read_asset(parts, job.settings, job.scan, force=job.force)
 
 
 def _files(job: Job, file: int, begun: Callable[[str], None]) -> Files:

@@ -15,6 +15,7 @@ from multiprocessing import Pipe
 from typing import Any
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.scan import ScanSettings
 from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import BusyError, CancelledError, InputError, LimitError, RhytidError
@@ -59,6 +60,7 @@ class Decoder:
         self,
         parts: Files,
         settings: AssetSettings,
+        scan: ScanSettings,
         *,
         force: bool,
         hold: Hold,
@@ -67,18 +69,21 @@ class Decoder:
     ) -> NewAsset:
         """A new asset of what was sent.
 
-        file: the descriptor of the file of the upload.  hold: what it takes, afterwards as much as
-        the caller needs to use it.  gone: whether nobody waits for it any more. Raises what
-        `read_asset` does, LimitError where it takes more memory or time than it may, InputError
-        where it ends the process, BusyError, CancelledError and what `Hold.grow` does.
+        scan: how a scan is read.  file: the descriptor of the file of the upload.  hold: what it
+        takes, afterwards as much as the caller needs to use it.  gone: whether nobody waits for it
+        any more. Raises what `read_asset` does, LimitError where it takes more memory or time than
+        it may, InputError where it ends the process, BusyError, CancelledError and what `Hold.grow`
+        does.
         """
         if limits.is_light(parts) or not possible():
-            sent = limits.sent_bytes(parts) + limits.promised(parts)
+            promised = limits.promised(parts, settings.resolution)
+            sent = limits.sent_bytes(parts) + promised
             hold.grow(min(limits.ROOM_A_PROMISED * sent, hold.limit))
-            return read_asset(parts, settings, force=force)
+            return read_asset(parts, settings, scan, force=force)
         with self._turn(gone):
             hold.grow(min(limits.room(parts), hold.limit))
-            job = Job(_pieces(parts), settings, force, hold.nbytes, limits.seconds(parts))
+            seconds = limits.seconds(parts)
+            job = Job(_pieces(parts), settings, scan, force, hold.nbytes, seconds)
             alone = _taken(self._alone, gone)
             with ExitStack() as held, closing(_Process(job, file())) as process:
                 return process.result(hold, gone, lambda: held.enter_context(alone))

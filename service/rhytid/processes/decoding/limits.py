@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import PurePath
 
 from rhytid.errors import RhytidError
-from rhytid.formats import exr, png
+from rhytid.formats import exr, png, scan_headers
 from rhytid.formats.gltf import promised_by_gltf
 from rhytid.formats.npz import promised_by_npz
 from rhytid.processes.decoding.reading import Files, Sent, all_files
@@ -28,6 +28,8 @@ LIGHT, LIGHT_PROMISED = MIB, 16 * MIB
 _BOUNDED = (".obj", ".ply", ".npz", ".npy")
 # Of images, per texel, while they are decoded: of an EXR the tiles of its library, too.
 _PNG_TEXEL, _EXR_TEXEL = 4, 12
+# Of scans, per texel of a channel and per texel of the asset, and once for what measures them.
+_SCAN_TEXEL, _RELIEF_TEXEL, _MEASURING = 12, 4, 64 * MIB
 
 
 def sent_bytes(parts: Files) -> int:
@@ -54,6 +56,8 @@ def is_light(parts: Files) -> bool:
     """Whether a thread of the server may decode it: little was sent, and little is promised."""
     if sent_bytes(parts) > LIGHT:
         return False
+    if "scan" in parts:
+        return False
     for file in all_files(parts):
         if file.name in ("mesh", "shapes") and _extension(file) not in _BOUNDED:
             return False
@@ -62,9 +66,13 @@ def is_light(parts: Files) -> bool:
     return promised(parts) <= LIGHT_PROMISED
 
 
-def promised(parts: Files) -> int:
-    """Bytes of the arrays that headers of files promise."""
-    return sum(_promised(file) for file in all_files(parts))
+def promised(parts: Files, resolution: int = 0) -> int:
+    """Bytes of the arrays that headers of files promise.  resolution: texels per side of the
+    asset, for those of its scan."""
+    files = all_files(parts)
+    reliefs = sum(file.name == "scan" for file in files)
+    of_scan = reliefs * _RELIEF_TEXEL * resolution**2 + _MEASURING if reliefs else 0
+    return of_scan + sum(map(_promised, files))
 
 
 def _extension(file: Sent) -> str:
@@ -85,6 +93,9 @@ def _by_header(file: Sent) -> int:
             return promised_by_npz(file.data)
         return promised_by_gltf(file.data) if extension in (".gltf", ".glb") else 0
     data = file.data
+    if file.name == "scan":
+        header = scan_headers.read_header(data, file.name)
+        return _SCAN_TEXEL * header.width * header.height * len(header.names)
     if data.startswith(png.SIGNATURE):
         width, height = png.read_sides(data, file.name)
         return _PNG_TEXEL * width * height

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import PurePath
 from typing import Protocol
 
@@ -10,6 +11,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import CONTROLS, Stiffness
+from rhytid.domain.scan import ScanSettings
 from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError
@@ -17,6 +19,7 @@ from rhytid.formats.frames import read_expressions
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import read_mesh
 from rhytid.formats.painted import read_controls, read_stiffness
+from rhytid.formats.scans import read_scan
 
 
 class Sent(Protocol):
@@ -56,13 +59,15 @@ def all_files(parts: Files) -> list[Sent]:
     return [one for part in parts.values() for one in (part, *part.again)]
 
 
-def read_asset(parts: Files, settings: AssetSettings, *, force: bool) -> NewAsset:
-    """Decode mesh, graph, images and shapes; raises InputError, or one of its kinds, naming the
-    part, and LimitError."""
+def read_asset(
+    parts: Files, settings: AssetSettings, scan: ScanSettings, *, force: bool
+) -> NewAsset:
+    """Decode mesh, graph, images, shapes and scan; raises InputError, or one of its kinds, naming
+    the part or the file, and LimitError."""
     mesh = parts["mesh"]
     read = read_mesh(mesh.data, mesh.filename or "")
     images = {name: _images(parts[name]) for name in CONTROLS if name in parts}
-    return NewAsset(
+    new = NewAsset(
         mesh=read.mesh,
         settings=settings,
         graph=read_graph(parts["graph"].data) if "graph" in parts else None,
@@ -72,6 +77,20 @@ def read_asset(parts: Files, settings: AssetSettings, *, force: bool) -> NewAsse
         force=force,
         shapes=_shapes(parts["shapes"], read.mesh) if "shapes" in parts else read.expressions,
     )
+    return _scanned(new, parts["scan"], scan) if "scan" in parts else new
+
+
+def _scanned(new: NewAsset, part: Sent, settings: ScanSettings) -> NewAsset:
+    """The asset with a scan, measured, at the resolution of the asset."""
+    # Imported here: few uploads have one.
+    from rhytid.meshes.scan_check import ScanCheck
+    from rhytid.meshes.scans import scan_of
+
+    mesh, unit = new.mesh, new.settings.length_unit
+    maps = read_scan(_images(part), mesh_udims(mesh), partial=settings.partial)
+    check = ScanCheck(scan_of(maps, settings, mesh, unit), mesh, unit, settings)
+    relief = check.relief(new.settings.resolution)
+    return replace(new, scan=relief, noted=tuple(check.warnings()))
 
 
 def _shapes(part: Sent, mesh: Mesh) -> Expressions:

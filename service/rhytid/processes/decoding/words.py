@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.scan import ScanSettings
 from rhytid.errors import RhytidError
 from rhytid.processes.packing import Bytes, Places, pack, slices
 
@@ -37,6 +38,7 @@ class Job:
 
     pieces: tuple[Piece, ...]
     settings: AssetSettings
+    scan: ScanSettings
     force: bool
     room: int
     seconds: int
