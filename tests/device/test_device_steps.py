@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rhytid.device.runtime import Device
+from rhytid.device.buffer import Buffer
+from rhytid.device.runtime import Device, OnFirstUse
 from rhytid.engine.worker import DeviceWorker
 
 
@@ -116,3 +117,34 @@ def test_launches_run_with_the_step_after_them_in_order(
         members.release()
         degree.release()
     assert found.tolist() == [3, 9, 3, 3]
+
+
+def test_a_part_made_at_first_use_outlives_the_task_that_failed_after_it(device: Device) -> None:
+    part = OnFirstUse(device, lambda: device.upload(np.arange(4, dtype=np.float32)))
+    with pytest.raises(ValueError, match="later"), device.task():
+        part.get()
+        lost = device.empty(4, np.float32)
+        raise ValueError("later")
+    assert lost.released
+    assert not part.get().released
+    assert device.read(part.get(), (4,), np.float32).tolist() == [0, 1, 2, 3]
+    part.release()
+    assert part.get().released
+
+
+def test_a_part_whose_making_fails_is_given_back_and_made_again(device: Device) -> None:
+    before, parts = device.budget.used, [device.upload(np.zeros(100, np.float32))]
+
+    def make() -> Buffer:
+        made = device.empty(100, np.float32)
+        if parts:
+            parts.pop().release()
+            raise ValueError("half-way")
+        return made
+
+    part = OnFirstUse(device, make)
+    with pytest.raises(ValueError, match="half-way"), device.task():
+        part.get()
+    assert device.budget.used == before
+    assert not part.get().released
+    part.release()

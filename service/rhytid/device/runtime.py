@@ -7,14 +7,14 @@ import time
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from functools import partial, wraps
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 import rhytid_kernels
 from rhytid.device import driver
-from rhytid.device.budget import BufferPool, MemoryBudget
+from rhytid.device.budget import BufferPool, MemoryBudget, Releasable
 from rhytid.device.buffer import Buffer
 from rhytid.device.driver import cl, driver_errors
 from rhytid.device.figures import DROPPED, Figures
@@ -31,6 +31,7 @@ from rhytid.device.select import Candidate
 from rhytid.errors import DeviceMemoryError
 
 T = TypeVar("T")
+Part = TypeVar("Part", bound=Releasable)
 Method = TypeVar("Method", bound=Callable[..., Any])
 
 
@@ -157,6 +158,19 @@ class Device:
         memory budget: they stay even if the block of `in_steps` fails later."""
         if self.steps is not None:
             self.steps.hand_over()
+
+    def lasting(self, make: Callable[[], T]) -> T:
+        """What `make` makes on the device, which stays even if the task that needs it first fails
+        later. In a task of the device."""
+        before, self.born = self.born, []
+        try:
+            return make()
+        except BaseException:
+            for buffer in self.born:
+                buffer.release()
+            raise
+        finally:
+            self.born = before
 
     @contextmanager
     def task(self) -> Iterator[None]:
@@ -351,3 +365,26 @@ class Device:
     def digest(self, program: str) -> str:
         """Twelve hexadecimal digits that change with the source of a program."""
         return rhytid_kernels.digest(program)
+
+
+class OnFirstUse(Generic[Part]):
+    """A part of something on the device that few need: made when it is first asked for, and there
+    until `release`."""
+
+    def __init__(self, device: Device, make: Callable[[], Part]) -> None:
+        self._device, self._make = device, make
+        self._made: Part | None = None
+
+    def get(self) -> Part:
+        """The part, made in a step of this thread where there is none."""
+        return self._device.step(self._found)
+
+    def release(self) -> None:
+        """Give the memory back, if there is any."""
+        if self._made is not None:
+            self._made.release()
+
+    def _found(self) -> Part:
+        if self._made is None:
+            self._made = self._device.lasting(self._make)
+        return self._made

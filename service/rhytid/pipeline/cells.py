@@ -71,10 +71,17 @@ def list_by_cell(
     column = start[member, 0] + within % width[member]
     row = start[member, 1] + within // width[member]
     cell = (cells - 1 - row if top_down else row) * cells + column
-    order = np.argsort(cell, kind="stable")
+    order = stable_order(cell, cells * cells)
     offsets = np.zeros(cells * cells + 1, np.int32)
     offsets[1:] = np.cumsum(np.bincount(cell, minlength=cells * cells))
     return CellLists(cells, offsets, member[order])
+
+
+def stable_order(keys: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """The order that sorts keys from 0 to `count` - 1; equal ones stay in their order. Where 16
+    bits hold them numpy counts in place of comparing."""
+    narrow = keys.astype(np.uint16) if count <= 1 << 16 else keys
+    return np.argsort(narrow, kind="stable")
 
 
 def cells_that_fit(low: NDArray[np.floating], high: NDArray[np.floating], cells: int) -> int:

@@ -8,6 +8,7 @@ That layer is smooth: it is drawn coarse (cushion.py) and upsampled by a cubic B
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from rhytid.domain.asset_settings import CUSHION_THRESHOLD, AssetSettings, ShapeSettings
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.pipeline.cells import CellLists, list_by_cell
-from rhytid.pipeline.reach import Bends, around_wrinkles, limit_cover, sizes_of_ends
+from rhytid.pipeline.reach import Bends, Box, around_wrinkles, limit_cover, sizes_of_ends
 from rhytid.pipeline.work import DrawLimit, work_by_cell
 
 # Coarse texels per side of a block of the layer, and around it what the spline reads of others.
@@ -68,26 +69,26 @@ class BroadLayer:
     def of(
         cls,
         graph: WrinkleGraph,
-        ends: NDArray[np.float32],
+        lines: Box,
         settings: AssetSettings,
         bends: Bends | None,
         waves: NDArray[np.float32] | None = None,
     ) -> BroadLayer | None:
-        """The broad layer of a graph with wrinkles between `ends` (M, 2, 2); None where the
-        settings have no cushion."""
+        """The broad layer of a graph, `lines` as in `around_wrinkles`; None where the settings have
+        no cushion."""
         if settings.shape.cushion == 0.0:
             return None
         factor = coarse_factor(graph, settings)
         least = LEAST_HALF_WIDTH * factor / settings.resolution
         broader = settings.shape.cushion_width
-        low, high = around_wrinkles(graph, ends, settings, bends, waves, broader, least)
+        low, high = around_wrinkles(graph, lines, settings, bends, waves, broader, least)
         weights = broad_weight(sizes_of_ends(graph, bends)[1], settings.shape)
         return cls(graph, settings, bends, factor, weights, low, high)
 
-    @property
+    @cached_property
     def swells(self) -> NDArray[np.bool_]:
         """(M,) whether each wrinkle has a weight in the layer."""
-        found: NDArray[np.bool_] = self.weights.max(axis=1) > 0
+        found: NDArray[np.bool_] = np.maximum.reduce(list(self.weights.T)) > 0
         return found
 
     def reach(

@@ -26,6 +26,7 @@ from rhytid.pipeline.reach import (
     around_pores,
     around_wrinkles,
     bends_of,
+    boxes_of_lines,
     drawn_rows,
     limit_cover,
     list_by_block,
@@ -114,9 +115,10 @@ def wrinkle_arrays(
     cancellation.check()
     ends = (graph.node_uv - np.array(udim_origin(udim), np.float32))[graph.edge_nodes]
     bends = bends_of(graph, settings)
-    low, high = around_wrinkles(graph, ends, settings, bends, waves)
+    lines = boxes_of_lines(graph, ends, bends)
+    low, high = around_wrinkles(graph, lines, settings, bends, waves)
     cancellation.check()
-    broad = BroadLayer.of(graph, ends, settings, bends, waves)
+    broad = BroadLayer.of(graph, lines, settings, bends, waves)
     reach = (low, high) if broad is None else broad.reach(low, high)
     last = copied(graph.edge_copy_of, graph.edge_metric)
     drawn, even = copies_last(drawn_rows(graph.edge_weight, *reach), last)
@@ -195,12 +197,12 @@ def check_cover(
     drawing takes longer than `limit`. Wrinkles are taken without waves, whose reach is known only
     where the wrinkles are located."""
     local = graph.node_uv - np.array(udim_origin(udim), np.float32)
-    ends = local[graph.edge_nodes]
     bends = bends_of(graph, settings)
-    if (broad := BroadLayer.of(graph, ends, settings, bends)) is not None:
+    lines = boxes_of_lines(graph, local[graph.edge_nodes], bends)
+    if (broad := BroadLayer.of(graph, lines, settings, bends)) is not None:
         broad.check(reaching_in(broad.swells, broad.low, broad.high), udim, limit)
     around = [
-        ("wrinkle", graph.edge_weight, around_wrinkles(graph, ends, settings, bends)),
+        ("wrinkle", graph.edge_weight, around_wrinkles(graph, lines, settings, bends)),
         ("pore", graph.pore_weight, around_pores(local, pore_roots(graph), settings)),
     ]
     if graph.node_kind is not None:

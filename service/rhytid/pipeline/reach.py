@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.errors import LimitError
-from rhytid.pipeline.cells import CellLists, list_by_cell
+from rhytid.pipeline.cells import CellLists, list_by_cell, stable_order
 from rhytid.pipeline.copies import metric_roots, rim_reach
 from rhytid.pipeline.work import BLOCK, work_by_cell
 
@@ -37,26 +37,27 @@ def widest(exponent: float, log_stretch_limit: float) -> float:
 
 def around_wrinkles(
     graph: WrinkleGraph,
-    ends: NDArray[np.float32],
+    lines: Box,
     settings: AssetSettings,
     bends: Bends | None,
     waves: NDArray[np.float32] | None = None,
     broader: float = 1.0,
     least: float = 0.0,
-) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Corners (M, 2) and (M, 2) of the boxes around wrinkles of ends (M, 2, 2) at any stretch.
+) -> Box:
+    """Corners (M, 2) and (M, 2) of the boxes around wrinkles at any stretch.
 
-    broader: than the graph has them.  least: half width, in UV.
+    lines: the boxes of `boxes_of_lines`.  broader: than the graph has them.  least: half width, in
+    UV.
     """
     response = settings.response
     scale = widest(response.alpha_w, response.log_stretch_limit)
-    half_width = graph.edge_half_width if bends is None else bends.half_widths.max(axis=1)
+    half_width = graph.edge_half_width if bends is None else np.maximum(*bends.half_widths.T)
     reach = np.maximum(half_width * (scale * broader), max(least, least_half_width(settings)))[
         :, None
     ]
     if waves is not None:
         reach = reach + np.abs(waves[:, :1])
-    low, high = _boxes(graph, ends, bends)
+    low, high = lines
     if graph.edge_metric is None:
         return low - reach, high + reach
     rows = np.flatnonzero(graph.edge_metric.any(axis=1))
@@ -66,10 +67,9 @@ def around_wrinkles(
     return low - reach, high + reach
 
 
-def _boxes(
-    graph: WrinkleGraph, ends: NDArray[np.float32], bends: Bends | None
-) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Corners (M, 2) and (M, 2) of the boxes around lines without their width."""
+def boxes_of_lines(graph: WrinkleGraph, ends: NDArray[np.float32], bends: Bends | None) -> Box:
+    """Corners (M, 2) and (M, 2) of the boxes around the wrinkles of ends (M, 2, 2), without their
+    width."""
     if bends is None:
         return straight_box(ends)
     low, high = arc_box(ends, bends.slopes)
@@ -235,7 +235,7 @@ def drawn_rows(
     memory."""
     members = np.flatnonzero(reaching_in(weight, low, high))
     cell = np.clip((low[members] + high[members]) * 128.0, 0, 255).astype(np.int64)
-    return members[np.argsort(cell[:, 1] * 256 + cell[:, 0], kind="stable")]
+    return members[stable_order(cell[:, 1] * 256 + cell[:, 0], 256 * 256)]
 
 
 def reaching_in(
@@ -245,7 +245,9 @@ def reaching_in(
 ) -> NDArray[np.bool_]:
     """(K,) whether elements have a weight above 0 and boxes, corners (K, 2) in UV, that reach into
     the UDIM."""
-    inside: NDArray[np.bool_] = (weight > 0) & (high > 0).all(axis=1) & (low < 1).all(axis=1)
+    # Column by column, since numpy takes long over short rows.
+    (left, bottom), (right, top) = low.T, high.T
+    inside: NDArray[np.bool_] = (weight > 0) & (right > 0) & (top > 0) & (left < 1) & (bottom < 1)
     return inside
 
 

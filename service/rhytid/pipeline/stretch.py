@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer, BufferGroup
-from rhytid.device.runtime import Device
+from rhytid.device.runtime import Device, OnFirstUse
 from rhytid.domain.lengths import USUAL_UNIT
 from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.folding import Folding
@@ -64,13 +64,13 @@ class StretchStage:
         self._neutral = mesh.positions
         self._faces = device.upload(mesh.faces)
         self._jacobians = device.upload(_surface_jacobians(mesh))
-        tensor = Tensor(device, mesh)
-        self._folding: Folding | None = None
-        self._make_folding = partial(Folding, device, mesh, self._faces, tensor.rest, unit)
-        self._models: dict[str, StretchModel] = {
-            "tensor": tensor,
-            "tension": Tension(device, mesh),
-            "uv": UvStretch(device, mesh),
+        self._tensor = Tensor(device, mesh)
+        # They take long on dense meshes, and few ask for the other models.
+        fold = partial(Folding, device, mesh, self._faces, self._tensor.rest, unit)
+        self._folding = OnFirstUse(device, fold)
+        self._others: dict[str, OnFirstUse[StretchModel]] = {
+            "tension": OnFirstUse(device, partial(Tension, device, mesh)),
+            "uv": OnFirstUse(device, partial(UvStretch, device, mesh)),
         }
 
     def run(
@@ -109,11 +109,10 @@ class StretchStage:
             self._device, model, self.triangles, len(positions), jacobians
         )
         frame = self._device.upload(positions)
-        self._models[model].launch(frame, self._faces, triangles, limit, found)
+        measure = self._tensor if model == "tensor" else self._others[model].get()
+        measure.launch(frame, self._faces, triangles, limit, found)
         if folds > 0.0:
-            # Made at first use: it takes long on dense meshes, and where folds are off it is idle.
-            self._folding = self._folding or self._make_folding()
-            taken = self._folding.take(frame, folds, found.logs, found.tension)
+            taken = self._folding.get().take(frame, folds, found.logs, found.tension)
             found = replace(found, taken=taken)
         frame.release()
         return found
@@ -132,11 +131,9 @@ class StretchStage:
 
     def release(self) -> None:
         """Give the memory back."""
-        self._faces.release()
-        self._jacobians.release()
-        if self._folding is not None:
-            self._folding.release()
-        for model in self._models.values():
+        for part in (self._faces, self._jacobians, self._tensor, self._folding):
+            part.release()
+        for model in self._others.values():
             model.release()
 
 

@@ -6,14 +6,14 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.budget import MemoryBudget, Releasable
-from rhytid.device.runtime import Device
+from rhytid.device.runtime import Device, OnFirstUse
 from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
@@ -70,7 +70,6 @@ class DeviceMesh:
         self.device, self.mesh, self.stiffness = device, mesh, stiffness
         self.settings, self.tile_side = settings, settings.grid.texels(0)
         self.stretch = StretchStage(device, mesh, settings.length_unit)
-        self.smooth = SmoothStage(device, mesh)
         self.located = {
             udim: UdimTriangles(device, mesh, udim, settings.resolution, settings.padding)
             for udim in mesh_udims(mesh)
@@ -85,10 +84,26 @@ class DeviceMesh:
         self._wrinkle_stiffness: NDArray[np.float32] | None = None
         self.relief_shares: NDArray[np.float32] | None = None
         self.patch_size: float | None = None
-        self.convolve = Convolve(device, mesh, stiffness)
-        self.smooth_convolve = SmoothConvolve(device, mesh, self.smooth, stiffness)
+        self._smooth = OnFirstUse(device, partial(SmoothStage, device, mesh))
+        self._convolve = OnFirstUse(device, partial(Convolve, device, mesh, stiffness))
         self.cache = DeviceCache(device.budget)
         self.bounded = False
+
+    @property
+    def smooth(self) -> SmoothStage:
+        """What smooth sampling needs of the mesh; on a thread that uses the device in steps, too,
+        as the next two."""
+        return self._smooth.get()
+
+    @property
+    def convolve(self) -> Convolve:
+        """The stage of `convolved`."""
+        return self._convolve.get()
+
+    @cached_property
+    def smooth_convolve(self) -> SmoothConvolve:
+        """The stage of `convolved` with smooth sampling."""
+        return SmoothConvolve(self.device, self.mesh, self.smooth, self.stiffness)
 
     @property
     def neutral(self) -> NDArray[np.float32]:
@@ -199,7 +214,7 @@ class DeviceMesh:
     def release(self) -> None:
         """Free everything; later calls raise NotFoundError."""
         self.cache.release()
-        held = (self.stretch, self.smooth, self._blend, self.convolve)
+        held = (self.stretch, self._smooth, self._blend, self._convolve)
         by_udim = self.located, self.residuals, self.elements
         for part in (*held, *(part for parts in by_udim for part in parts.values())):
             if part is not None:
