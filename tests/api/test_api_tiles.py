@@ -17,9 +17,9 @@ from api.fake_frames import FakeFrames
 from api.fake_tiles import FakeTiles
 from api.live import serving
 from api.patch import smile, upload
-from rhytid.api.dependencies import drawing_of, no_repeats
-from rhytid.api.quick_route import TileRoute
-from rhytid.api.routes.tiles import tile_router
+from rhytid.api.dependencies import drawing_of, no_repeats, positions_of
+from rhytid.api.quick_route import TileRoute, TilesRoute
+from rhytid.api.routes.tiles import tile_router, tiles_router
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.messages import MapQuery
 
@@ -330,13 +330,53 @@ def test_the_quick_way_is_not_by_the_handler_of_fastapi(
 
 
 def test_the_quick_way_has_all_that_the_route_depends_on() -> None:
-    """A dependency that is added to the route has to be added to `TileRoute`, too; the guard is
-    one of the whole app."""
+    """A dependency that is added to the route has to be added to `TileRoute` or `TilesRoute`,
+    too; the guard is one of the whole app."""
     assert len(tile_router.routes) == 2
     for route in tile_router.routes:
         assert isinstance(route, TileRoute)
         found = [one.call for one in route.dependant.dependencies]
         assert found == [no_repeats, drawing_of]
+    (route,) = tiles_router.routes
+    assert isinstance(route, TilesRoute)
+    found = [one.call for one in route.dependant.dependencies]
+    assert found == [no_repeats, drawing_of, positions_of]
+
+
+@pytest.mark.parametrize(
+    ("query", "usual"),
+    [
+        ("?tile=1001/0/0/0", False),
+        ("?tile=1001/0/0/0&tile=1001/0/0/1&method=neutral&strict=false&allow=size", False),
+        ("?tile=1001/0/0&method=guess", False),
+        ("", True),
+        ("?tile=1001/0/0/0&strict=maybe", True),
+        ("?tile=1001/0/0/0&else=1", True),
+        ("?tile=1001/0/0/0&format=npy&format=npy", True),
+    ],
+)
+def test_tiles_of_positions_are_plainly_asked_for(
+    query: str, usual: bool, client: httpx.Client, asset: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    handled, handle = [], routing.APIRoute.handle
+
+    async def counted(self: routing.APIRoute, *given: Any) -> None:
+        handled.append(self.path)
+        await handle(self, *given)
+
+    def sent() -> tuple[int, object]:
+        path = f"/v1/assets/{asset}/tiles{query}"
+        found = client.post(path, content=npy(smile()), headers=NPY)
+        if found.is_error:
+            return told(found)[0], told(found)[2]
+        mark = found.headers["content-type"].partition("boundary=")[2].encode()
+        return found.status_code, found.content.replace(mark, b"")
+
+    monkeypatch.setattr(routing.APIRoute, "handle", counted)
+    quick = sent()
+    assert bool(handled) == usual
+    monkeypatch.setattr(TilesRoute, "handle", handle)
+    assert sent() == quick
 
 
 @pytest.mark.parametrize("place", ["x/0/0/0", "1001/0/-1/0", "1001/0/0/3000000000", "1001/0/0/²"])

@@ -55,6 +55,7 @@ if TYPE_CHECKING:
 ROUTERS = (
     tiles.tile_router,
     tiles.router,
+    tiles.tiles_router,
     assets.router,
     asset_files.router,
     packages.router,

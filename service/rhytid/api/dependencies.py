@@ -122,7 +122,9 @@ async def no_repeats(request: Request) -> None:
             raise QueryError(f"query parameter {name!r} was sent more than once")
 
 
-async def _positions(request: Request, asset: AssetId, engine: EngineDep) -> NDArray[np.float32]:
+async def positions_of(request: Request, asset: AssetId, engine: EngineDep) -> NDArray[np.float32]:
+    """The body as positions (V, 3) of an asset, less its centre; raises FrameError or LimitError,
+    and NotFoundError where there is no such asset."""
     # The asset comes first: it says how much of a body is worth reading.
     found = await run_in_threadpool(engine.assets.dimensions, asset)
     figures: Figures = request.app.state.metrics.figures
@@ -144,9 +146,8 @@ def _uploaded(read: Callable[[Request], Awaitable[Any]]) -> Callable[[Request], 
     return timed
 
 
-# The body as positions (V, 3) of the asset in the path, less its centre; raises FrameError or
-# LimitError.
-Positions = Annotated[NDArray[np.float32], Depends(_positions)]
+# The body as positions of the asset in the path.
+Positions = Annotated[NDArray[np.float32], Depends(positions_of)]
 NoQuery = Depends(no_query)
 NoRepeats = Depends(no_repeats)
 # Held by `with` for as long as a request waits for the device; raises BusyError on entry. What is

@@ -12,15 +12,11 @@ from rhytid.api.dependencies import (
     AssetId,
     Column,
     DrawingDep,
-    EngineDep,
     FrameName,
     Level,
-    Memory,
-    MetricsDep,
     NoRepeats,
     Positions,
     Row,
-    Slot,
     Udim,
 )
 from rhytid.api.documentation import POSITIONS, TILES, TILES_ONCE, problems
@@ -34,7 +30,7 @@ from rhytid.api.encoding import (
     warnings_header,
 )
 from rhytid.api.multipart import MixedPart, mixed_response
-from rhytid.api.quick_route import TileRoute
+from rhytid.api.quick_route import TileRoute, TilesRoute
 from rhytid.api.schemas import TileQuery, TilesQuery, WholeMapQuery
 from rhytid.device.figures import working_on
 from rhytid.domain.tiles import MapAddress, TileAddress
@@ -52,6 +48,7 @@ _ROUTES: dict[str, Any] = {
     "prefix": "/v1/assets/{asset}", "tags": ["tiles"], "dependencies": [NoRepeats]
 }  # fmt: skip
 tile_router = APIRouter(**_ROUTES, route_class=TileRoute)
+tiles_router = APIRouter(**_ROUTES, route_class=TilesRoute)
 router = APIRouter(**_ROUTES)
 
 
@@ -99,7 +96,8 @@ def whole_map(
     return answer(request, drawing, Asked(query.format, asset, frame, query.map_query(), place))
 
 
-@router.post(
+# `TilesRoute` calls this with what it has read.
+@tiles_router.post(
     "/tiles",
     operation_id="drawTiles",
     response_class=Response,
@@ -107,12 +105,9 @@ def whole_map(
     openapi_extra=POSITIONS,
 )
 def tiles_once(
-    engine: EngineDep,
-    metrics: MetricsDep,
+    drawing: DrawingDep,
     asset: AssetId,
     positions: Positions,
-    slot: Slot,
-    memory: Memory,
     query: Annotated[TilesQuery, Query()],
 ) -> Response:
     """Positions in, tiles out, nothing stored: multipart/mixed in the order of `tile`.
@@ -120,12 +115,13 @@ def tiles_once(
     What is probably wrong with the positions is in the header `X-Rhytid-Warnings`.
     """
     check_format(query.format, query.layer)
+    engine, metrics, memory = drawing.engine, drawing.metrics, drawing.memory
     wanted, frame = query.map_query(), Frame.of(positions)
     addresses = [TileAddress.parse(text) for text in query.tile]
     texels = check_texels(engine.assets.dimensions(asset), addresses)
     warnings = engine.frames.warnings(asset, frame, strict=query.strict, allow=query.allow)
     parts = []
-    with slot:
+    with drawing.slot:
         hold = memory.answer(WORKING * texel_bytes(wanted) * texels)
         for address in addresses:
             drawn = engine.tiles.draw(asset, frame, wanted, address)
