@@ -121,11 +121,16 @@ def test_launches_run_with_the_step_after_them_in_order(
 
 def test_a_part_made_at_first_use_outlives_the_task_that_failed_after_it(device: Device) -> None:
     part = OnFirstUse(device, lambda: device.upload(np.arange(4, dtype=np.float32)))
-    with pytest.raises(ValueError, match="later"), device.task():
-        part.get()
-        lost = device.empty(4, np.float32)
-        raise ValueError("later")
-    assert lost.released
+    lost = []
+
+    def fails() -> None:
+        with device.task():
+            lost.extend([part.get(), device.empty(4, np.float32)])
+            raise ValueError("later")
+
+    with pytest.raises(ValueError, match="later"):
+        fails()
+    assert lost[1].released
     assert not part.get().released
     assert device.read(part.get(), (4,), np.float32).tolist() == [0, 1, 2, 3]
     part.release()
