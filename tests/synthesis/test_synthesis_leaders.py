@@ -298,6 +298,12 @@ def cylinder(turned: bool) -> Mesh:
     return Mesh(at.astype(np.float32), faces, uv.astype(np.float32), faces)
 
 
+def off_a_line(height: np.ndarray) -> float:
+    """Root mean square of what a straight line leaves of heights."""
+    at = np.linspace(-1.0, 1.0, len(height))
+    return float((height - np.polyval(np.polyfit(at, height, 1), at)).std())
+
+
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_neck_has_rings(device: Device, turned: bool) -> None:
     mesh = cylinder(turned)
@@ -311,6 +317,10 @@ def test_a_neck_has_rings(device: Device, turned: bool) -> None:
     assert min(length) > 4.3
     assert max(length) > 8.0
     assert max(np.ptp(ring[:, 1]) for ring in rings) < 2.0
+    assert np.median([off_a_line(ring[:, 1]) for ring in rings]) > 0.07
+    depth = [pores.depth[pores.line == line] for line in np.unique(pores.line)]
+    assert np.median([d[: len(d) // 10].max() / d.max() for d in depth]) < 0.2
+    assert min(d[len(d) // 4 : -len(d) // 4].min() / d.max() for d in depth) < 0.1
     for i, ring in enumerate(rings):
         others = np.concatenate(rings[:i] + rings[i + 1 :])
         middle = ring[len(ring) // 4 : -len(ring) // 4]

@@ -34,7 +34,9 @@ class Family:
     are from others.  least: size of the smallest, 0 to 1.  chance: the least factor of the
     distance, and how much larger it may be.  broad, deep: factors of how broad and how deep they
     are.  winding: how far they wind about their direction, radians, and over which lengths,
-    millimetres.
+    millimetres.  waves: lengths of those of their depth, millimetres, from, and by chance how much
+    longer.  uneven: how high each of these is; where their sum is below -1 a line is broken.  ends:
+    power of the taper to either end.
     """
 
     leading: Values
@@ -51,6 +53,9 @@ class Family:
     broad: float = 1.0
     deep: float = 1.0
     winding: tuple[tuple[float, float], ...] = ((0.15, 9.0), (0.2, 2.2), (0.14, 0.8))
+    waves: tuple[tuple[float, float], ...] = ((1.0, 0.9), (2.4, 2.5), (7.0, 6.0))
+    uneven: float = 0.16
+    ends: float = 1.0
 
 
 def _level(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -74,7 +79,7 @@ RINGS = Family(
     _level,
     number=2,
     seeds=10.0,
-    pace=3.0,
+    pace=1.5,
     shortest=45.0,
     longest=140.0,
     apart=19.0,
@@ -82,8 +87,11 @@ RINGS = Family(
     least=0.5,
     chance=(0.85, 0.45),
     broad=1.4,
-    deep=2.3,
-    winding=((0.1, 30.0), (0.08, 6.0), (0.05, 1.5)),
+    deep=1.7,
+    winding=((0.2, 6.0), (0.15, 2.0), (0.1, 0.8)),
+    waves=((8.0, 7.0), (18.0, 16.0), (36.0, 30.0)),
+    uneven=0.45,
+    ends=2.0,
 )
 # By number.
 FAMILIES = (PREFERRED, CROSSING, RINGS)

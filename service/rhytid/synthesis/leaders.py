@@ -19,7 +19,7 @@ from rhytid.support import cancellation
 from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.hashes import unit_intervals
 from rhytid.synthesis.leader_courses import Courses, starts
-from rhytid.synthesis.leader_families import RINGS, leading_of
+from rhytid.synthesis.leader_families import FAMILIES, RINGS, Family, leading_of
 from rhytid.synthesis.pore_density import spacings
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, unit
 
@@ -33,9 +33,6 @@ _ALONG = 2.2
 _PACE = 1.15
 # Share of its length over which a line tapers to either end, and how broad the ends are.
 _TAPER, _ENDS = 0.25, 0.4
-# Amplitude of the waves of depth along a line, and their lengths, millimetres: from, and by chance
-# how much longer.
-_UNEVEN, _WAVES = 0.16, ((1.0, 0.9), (2.4, 2.5), (7.0, 6.0))
 # Points of a chosen line around which others are looked for at a time.
 _TOGETHER = 16
 # Runs of true values in an array of them: of a few tens, searched as text they are found soonest.
@@ -115,15 +112,13 @@ class Leaders:
         """Pores along the leaders, where others are at least `radius` apart."""
         surface, fields = self.courses.ground.surface, self.courses.ground.fields
         line, where = self._places(radius)
-        points = self.courses.between(self.row[line], where)
-        taper = _taper((where - self.first[line]) / (self.last - self.first)[line])
-        size = np.sqrt(self.courses.wishes.size[self.row[line]])
-        uneven = self._uneven(line, where)
-        broad = self.courses.wishes.broad[self.row[line]]
-        width = size * broad * (_ENDS + (1.0 - _ENDS) * taper) * np.sqrt(uneven)
-        family = self.courses.wishes.family[self.row[line]]
-        leading = np.clip(leading_of(family, fields, points.triangle, points.uv), 0.0, 1.0)
-        depth = size * self.courses.wishes.deep[self.row[line]] * taper * uneven * np.sqrt(leading)
+        row, wishes = self.row[line], self.courses.wishes
+        points = self.courses.between(row, where)
+        taper, uneven = self._profiles(line, where)
+        size = np.sqrt(wishes.size[row])
+        width = size * wishes.broad[row] * (_ENDS + (1.0 - _ENDS) * taper) * np.sqrt(uneven)
+        leading = leading_of(wishes.family[row], fields, points.triangle, points.uv)
+        depth = size * wishes.deep[row] * taper * uneven * np.sqrt(np.clip(leading, 0.0, 1.0))
         holds = surface.carries[points.triangle] & ~fields.bare(points.triangle, points.uv)
         values = (values[holds].astype(np.float32) for values in (depth, width))
         return LeaderPores(points.take(holds), line[holds], *values)
@@ -142,14 +137,26 @@ class Leaders:
         of = np.repeat(np.arange(len(self)), [len(part) for part in places])
         return of, np.concatenate([np.empty(0), *places])
 
-    def _uneven(self, line: IntArray, where: FloatArray) -> FloatArray:
-        """(Q,) factors of the depth along each line, about 1: waves with phases of its own."""
-        wishes, waves = self.courses.wishes, np.zeros(len(where))
-        key, along = wishes.key[self.row[line]], where * wishes.pace[self.row[line]]
-        for salt, (least, more) in enumerate(_WAVES, _WAVY):
+    def _profiles(self, line: IntArray, where: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(Q,) from 0 at the ends of leaders to 1 between, and (Q,) factors of their depth along
+        them, as the families have these."""
+        taper = _taper((where - self.first[line]) / (self.last - self.first)[line])
+        row, uneven = self.row[line], np.ones(len(where))
+        number = self.courses.wishes.family[row]
+        for family in FAMILIES:
+            of = np.flatnonzero(number == family.number)
+            taper[of] **= family.ends
+            uneven[of] = self._uneven(family, row[of], where[of])
+        return taper, uneven
+
+    def _uneven(self, family: Family, row: IntArray, where: FloatArray) -> FloatArray:
+        """(Q,) factors of the depth along lines of a family, about 1: waves with phases of each of
+        their own.  row (Q,): the courses."""
+        key, waves = self.courses.wishes.key[row], np.zeros(len(where))
+        for salt, (least, more) in enumerate(family.waves, _WAVY):
             phase, longer = unit_intervals(key, salt, self.seed)[:2]
-            waves += np.sin(2 * np.pi * (along / (least + more * longer) + phase))
-        uneven: FloatArray = 1.0 + _UNEVEN * waves
+            waves += np.sin(2 * np.pi * (where * family.pace / (least + more * longer) + phase))
+        uneven: FloatArray = np.maximum(1.0 + family.uneven * waves, 0.0)
         return uneven
 
 
