@@ -22,6 +22,7 @@ OTHERS = [
     replace(LOOK, frames=("smile",), scene_unit="m"),
     replace(LOOK, name="7-up", fps=29.97, uv="UVMap"),
     replace(LOOK, udims=(1002,), bind=None),
+    replace(LOOK, shine=True),
     replace(LOOK, material="/root/skin"),
     replace(LOOK, material="/root/face/mesh/skin"),
     replace(LOOK, bind="/Looks/mesh"),
@@ -74,6 +75,8 @@ def scene(folder: Path, look: Look, fps: float = 24.0) -> Usd.Stage:
     for udim in look.udims:
         for frame in look.frames:
             (folder / f"{look.name}.{udim}.{frame}.exr").touch()
+            for map in ("roughness", "anisotropy"):
+                (folder / f"{look.name}.{map}.{udim}.{frame}.png").touch()
     return Usd.Stage.Open(str(folder / "shot.usda"))
 
 
@@ -270,3 +273,18 @@ def test_an_unknown_unit_is_scaled_into_none() -> None:
     assert "metersPerUnit" not in usd_look(replace(LOOK, unit="span", scene_unit="span"))
     with pytest.raises(InputError, match="'span' is no known unit"):
         usd_look(replace(LOOK, unit="span"))
+
+
+@pytest.mark.parametrize("named", ["specular_roughness", "specular_anisotropy", "tangent"])
+def test_shine_ends_at_the_surface(named: str) -> None:
+    document = mx.createDocument()
+    mx.readFromXmlString(document, materialx_look(replace(LOOK, shine=True)).decode())
+    surface = document.getNode("face_surface")
+    output = surface.getInput(named).getConnectedOutput()
+    assert output.getConnectedNode() is not None
+    graph = document.getNodeGraph("face_shine")
+    files = {n.getName(): n.getInputValue("file") for n in graph.getNodes("image")}
+    assert files == {
+        "Roughness": "face.roughness.1001.{04frame}.png",
+        "Axis": "face.anisotropy.1001.{04frame}.png",
+    }

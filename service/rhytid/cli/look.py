@@ -45,8 +45,10 @@ def add_command(commands: Commands) -> None:
     add("--bind", type=_prim, metavar="PATH", help=bind)
     material = "give the displacement to this material of the scene, in place of one of its own"
     add("--material", type=_prim, metavar="PATH", help=material)
+    told = "connect NAME.roughness.*.png and NAME.anisotropy.*.png of bake, too"
+    add("--shine", action="store_true", help=told)
     add_json(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, usage_error=parser.refuse)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -96,6 +98,8 @@ def found(arguments: argparse.Namespace) -> Look:
     from rhytid.formats.exr import read_attributes
 
     folder: Path = arguments.folder
+    if arguments.shine and arguments.material is not None:
+        arguments.usage_error("--shine is of a material of its own, --material names one: use one")
     name, maps = _maps(folder, arguments.name)
     frames = sorted({frame for _, frame in maps}, key=_order)
     if arguments.frame is not None:
@@ -107,6 +111,9 @@ def found(arguments: argparse.Namespace) -> Look:
         for udim in udims:
             if (udim, frame) not in maps:
                 raise InputError(f"{name}.{udim}.{frame}.exr is missing in {folder}")
+    for file in _shine_files(name, udims, frames) if arguments.shine else ():
+        if not (folder / file).is_file():
+            raise InputError(f"{file} is missing in {folder}: bake it, or leave out --shine")
     unit = read_attributes(folder / f"{name}.{udims[0]}.{frames[0]}.exr").get("unit", "")
     return Look(
         name,
@@ -118,7 +125,17 @@ def found(arguments: argparse.Namespace) -> Look:
         arguments.fps,
         arguments.bind,
         arguments.material,
+        arguments.shine,
     )
+
+
+def _shine_files(name: str, udims: Sequence[int], frames: Sequence[str]) -> list[str]:
+    return [
+        f"{name}.{map}.{udim}.{frame}.png"
+        for map in ("roughness", "anisotropy")
+        for udim in udims
+        for frame in frames
+    ]
 
 
 def _maps(folder: Path, name: str | None) -> tuple[str, set[tuple[int, str]]]:

@@ -13,6 +13,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from rhytid.domain.lengths import millimetres
 from rhytid.errors import InputError
+from rhytid.exports.look_shine import DEFAULTS, FILTERS, SHINE, SURFACE, Map
 
 FIRST_UDIM, LAST_UDIM = 1001, 1100  # those that USD has
 _NUMBER = re.compile(r"[0-9]+", re.ASCII)
@@ -27,7 +28,8 @@ class Look:
     FRAME: numbers, ascending, or one name.  unit, scene_unit: of length, of the maps and of the
     scene.  uv: the primvar of texture coordinates.  fps: frames per second of the scene.  bind: the
     path of a mesh that gets the material, or None.  material: the path of a material that gets the
-    displacement; None: a new one is made.
+    displacement; None: a new one is made.  shine: whether that has the roughness and anisotropy of
+    maps called NAME.roughness.<UDIM>.<FRAME>.png and NAME.anisotropy.<UDIM>.<FRAME>.png.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Look:
     fps: float = 24.0
     bind: str | None = None
     material: str | None = None
+    shine: bool = False
 
     def __post_init__(self) -> None:
         outside = [udim for udim in self.udims if not FIRST_UDIM <= udim <= LAST_UDIM]
@@ -69,6 +72,10 @@ class Look:
         only one."""
         udim = str(FIRST_UDIM) if self.udims == (FIRST_UDIM,) else "<UDIM>"
         return f"{self.name}.{udim}.{frame}.exr"
+
+    def shine_file(self, map: Map, frame: str) -> str:
+        """The same of a map of shine."""
+        return f"{self.name}.{map}{self.file(frame).removeprefix(self.name)[:-4]}.png"
 
     def frame_token(self) -> str:
         """The token in file names that MaterialX replaces by the number of a frame, or the name of
@@ -102,17 +109,16 @@ def materialx_look(look: Look) -> bytes:
     name = look.identifier
     graph = SubElement(root, "nodegraph", name=f"{name}_heights")
     image = SubElement(graph, "image", name="heights", type="float")
-    file = _input(image, "file", "filename", value=look.file(look.frame_token()))
-    file.set("colorspace", "none")
-    _input(image, "default", "float", value="0")
-    for mode in ("uaddressmode", "vaddressmode"):
-        _input(image, mode, "string", value="clamp")
-    _input(image, "filtertype", "string", value="linear")
+    _set_image(image, look.file(look.frame_token()), ("float", "0"), "linear")
     SubElement(graph, "output", name="out", type="float", nodename="heights")
     moved = SubElement(root, "displacement", name=f"{name}_displacement", type="displacementshader")
     _input(moved, "displacement", "float", nodegraph=f"{name}_heights", output="out")
     _input(moved, "scale", "float", value=repr(look.scale))
-    SubElement(root, "standard_surface", name=f"{name}_surface", type="surfaceshader")
+    if look.shine:
+        _add_shine(root, look)
+    surface = SubElement(root, "standard_surface", name=f"{name}_surface", type="surfaceshader")
+    for input, type, _ in SURFACE if look.shine else ():
+        _input(surface, input, type, nodegraph=f"{name}_shine", output=input)
     material = SubElement(root, "surfacematerial", name=name, type="material")
     for kind in ("surface", "displacement"):
         shader = f"{kind}shader"
@@ -120,6 +126,31 @@ def materialx_look(look: Look) -> bytes:
     indent(root)
     text: str = tostring(root, "unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'.encode()
+
+
+def _set_image(image: Element, name: str, default: tuple[str, str], filter: str) -> None:
+    file = _input(image, "file", "filename", value=name)
+    file.set("colorspace", "none")
+    _input(image, "default", default[0], value=default[1])
+    for mode in ("uaddressmode", "vaddressmode"):
+        _input(image, mode, "string", value="clamp")
+    _input(image, "filtertype", "string", value=filter)
+
+
+def _add_shine(root: Element, look: Look) -> None:
+    """The graph of roughness and anisotropy."""
+    graph = SubElement(root, "nodegraph", name=f"{look.identifier}_shine")
+    for node in SHINE:
+        made = SubElement(graph, node.category, name=node.name, type=node.type)
+        if node.map is not None:
+            name = look.shine_file(node.map, look.frame_token())
+            _set_image(made, name, ("color3", DEFAULTS[node.map]), FILTERS[node.map])
+        for input, type, value in node.values:
+            _input(made, input, type, value=value)
+        for input, type, other in node.links:
+            _input(made, input, type, nodename=other)
+    for input, type, source in SURFACE:
+        SubElement(graph, "output", name=input, type=type, nodename=source)
 
 
 def _input(node: Element, name: str, type: str, **more: str) -> Element:

@@ -8,10 +8,12 @@ Frames are time samples of `inputs:file`: USD holds a file until the next sample
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 
 from rhytid.domain.lengths import millimetres
 from rhytid.exports.look import Look
+from rhytid.exports.look_shine import DEFAULTS, FILTERS, SHINE, SURFACE
 
 _SCOPE = "Looks"
 # Prefix of the names of nodes, since a material that is given displacement has nodes of its own.
@@ -20,6 +22,12 @@ Lines = Iterator[str]
 Path = tuple[str, ...]
 # Metadata of a prim, and its rows.
 Part = tuple[str, list[str]]
+# Types of USD by those of MaterialX, and outputs of such nodes.
+_TYPES = {
+    "float": "float", "integer": "int", "string": "string", "color3": "color3f",
+    "vector3": "float3",
+}  # fmt: skip
+_OUT = {type: f"{_TYPES[type]} outputs:out" for type in ("float", "color3", "vector3")}
 
 
 def usd_look(look: Look) -> str:
@@ -98,6 +106,8 @@ def _preview(look: Look, nodes: str) -> Lines:
 def _materialx(look: Look, nodes: str) -> Lines:
     if look.material is None:
         rows = ["token outputs:out"]
+        for input, type, node in SURFACE if look.shine else ():
+            rows.append(f"{_TYPES[type]} inputs:{input}.connect = <{nodes}{node}.outputs:out>")
         yield from _shader("MtlxSurface", "ND_standard_surface_surfaceshader", rows)
         yield ""
     rows = [
@@ -116,17 +126,43 @@ def _materialx(look: Look, nodes: str) -> Lines:
         "float outputs:out",
     ]
     yield from ("", *_shader("MtlxHeights", "ND_image_float", rows), "")
+    if look.shine:
+        yield from _shine(look, nodes)
     rows = [f'string inputs:geomprop = "{look.uv}"', "float2 outputs:out"]
     yield from _shader("MtlxCoordinates", "ND_geompropvalue_vector2", rows)
 
 
-def _files(look: Look) -> Lines:
-    """The file of the first frame for readers without time, then that of every frame."""
-    yield f"asset inputs:file = @./{look.file(look.frames[0])}@ ("
+def _shine(look: Look, nodes: str) -> Lines:
+    """Nodes of roughness and anisotropy."""
+    for node in SHINE:
+        rows = [f"{_TYPES[t]} inputs:{name} = {_literal(t, v)}" for name, t, v in node.values]
+        for name, type, other in node.links:
+            rows.append(f"{_TYPES[type]} inputs:{name}.connect = <{nodes}{other}.outputs:out>")
+        if node.map is not None:
+            rows += [
+                f"color3f inputs:default = ({DEFAULTS[node.map]})",
+                *_files(look, partial(look.shine_file, node.map)),
+                f'string inputs:filtertype = "{FILTERS[node.map]}"',
+                f"float2 inputs:texcoord.connect = <{nodes}MtlxCoordinates.outputs:out>",
+                'string inputs:uaddressmode = "clamp"',
+                'string inputs:vaddressmode = "clamp"',
+            ]
+        yield from (*_shader(node.name, node.definition, [*rows, _OUT[node.type]]), "")
+
+
+def _literal(type: str, value: str) -> str:
+    return f'"{value}"' if type == "string" else value
+
+
+def _files(look: Look, file: Callable[[str], str] | None = None) -> Lines:
+    """The file of the first frame for readers without time, then that of every frame.  file: names
+    it; that of the heights unless given."""
+    named = look.file if file is None else file
+    yield f"asset inputs:file = @./{named(look.frames[0])}@ ("
     yield from ('    colorSpace = "raw"', ")")
     if len(look.frames) > 1:
         yield "asset inputs:file.timeSamples = {"
-        yield from (f"    {int(frame)}: @./{look.file(frame)}@," for frame in look.frames)
+        yield from (f"    {int(frame)}: @./{named(frame)}@," for frame in look.frames)
         yield "}"
 
 
