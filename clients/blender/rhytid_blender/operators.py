@@ -8,12 +8,12 @@ from typing import Any
 import bpy
 
 from rhytid_client import Asset
-from rhytid_client.hosts import Trouble
+from rhytid_client.hosts import Scan, Trouble
 from rhytid_client.hosts.trouble import NOT_SENT
 from rhytid_client.hosts.units import guessed_unit
 from rhytid_client.hosts.work import Step
 
-from . import connection, images, meshes, nodes, offline, rendering, state, updating
+from . import connection, images, meshes, nodes, offline, rendering, scans, state, updating
 from .properties import ours, scale
 from .typed import OperatorPart, Result, scene_of
 from .words import NO_MESH, copied
@@ -55,26 +55,53 @@ class RHYTID_OT_connect(Simple, bpy.types.Operator):
         return connection.server().tested()
 
 
-class RHYTID_OT_send(Worker, bpy.types.Operator):
+class Sender(Worker):
+    """A part of an operator that sends the mesh and shows the skin that comes back."""
+
+    def displacement(self, obj: bpy.types.Object) -> scans.Displacement | None:
+        """What is sent as a scan, in place of skin that is grown; raises Trouble."""
+        return None
+
+    def steps(self, context: bpy.types.Context) -> Generator[Step, None, None]:
+        """Send, wait, set up, draw."""
+        obj, scene = active(context), scene_of(context)
+        mesh, theirs = meshes.rest(obj), self.displacement(obj)
+        settings = _settings(obj, mesh["positions"])
+        server, shapes = connection.server(), meshes.shapes(obj)
+        scan = None
+        if theirs is not None:
+            how = {"scale": theirs.scale, "midlevel": theirs.midlevel}
+            scan = Scan(theirs.files(mesh), how)
+        asset = yield from server.sending(mesh, settings, shapes, obj.name, scan)
+        _sent(obj, asset, settings["unit"])
+        updating.update(obj, updating.graph_of(scene, obj))
+        if theirs is not None:  # ours holds it
+            nodes.check(obj, ours(obj).image)
+            theirs.unlink()
+        done = [*nodes.set_up(obj), *rendering.set_up(obj, scene)]
+        self.report({"INFO"}, "Set up: " + "; ".join(done))
+        for warning in state.status(obj).of_mesh:
+            self.report({"WARNING"}, warning)
+
+
+class RHYTID_OT_send(Sender, bpy.types.Operator):
     """Send the shape without modifiers, and its shape keys, and have wrinkles grown on it; then set
     material, modifier and Cycles up, and draw the first map"""
 
     bl_idname, bl_label = "rhytid.send", "Send the Mesh"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  as Blender wants it
 
-    def steps(self, context: bpy.types.Context) -> Generator[Step, None, None]:
-        """Send, wait, set up, draw."""
-        obj, scene = active(context), scene_of(context)
-        mesh = meshes.rest(obj)
-        settings = _settings(obj, mesh["positions"])
-        server, shapes = connection.server(), meshes.shapes(obj)
-        asset = yield from server.sending(mesh, settings, shapes, obj.name)
-        _sent(obj, asset, settings["unit"])
-        updating.update(obj, updating.graph_of(scene, obj))
-        done = [*nodes.set_up(obj), *rendering.set_up(obj, scene)]
-        self.report({"INFO"}, "Set up: " + "; ".join(done))
-        for warning in state.status(obj).of_mesh:
-            self.report({"WARNING"}, warning)
+
+class RHYTID_OT_move(Sender, bpy.types.Operator):
+    """Send the mesh with the image that its material displaces with, a scan or a sculpt, and show
+    the same relief with lines that move in its place"""
+
+    bl_idname, bl_label = "rhytid.move", "Make It Move"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  as Blender wants it
+
+    def displacement(self, obj: bpy.types.Object) -> scans.Displacement | None:
+        """That of its materials."""
+        return scans.displacement_of(obj)
 
 
 def _settings(obj: bpy.types.Object, positions: meshes.Array) -> dict[str, Any]:
@@ -175,6 +202,7 @@ class RHYTID_OT_cancel(bpy.types.Operator):
 CLASSES = (
     RHYTID_OT_connect,
     RHYTID_OT_send,
+    RHYTID_OT_move,
     RHYTID_OT_update,
     RHYTID_OT_set_up,
     RHYTID_OT_calibrate,

@@ -55,6 +55,7 @@ def _mesh(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     column.prop(ours(obj), "unit")
     again = "Send the Mesh Again" if ours(obj).asset else "Send the Mesh"
     column.operator("rhytid.send", text=again, icon="EXPORT")
+    column.operator("rhytid.move", icon="MOD_DISPLACE")
     if ours(obj).sent_unit:
         column.label(text=f"{ours(obj).vertices} vertices, in {ours(obj).sent_unit}")
 

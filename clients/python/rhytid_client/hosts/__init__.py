@@ -10,7 +10,7 @@ from __future__ import annotations
 from rhytid_client.hosts.meshes import MeshArrays, polygons, welded
 from rhytid_client.hosts.scene import Display, Scene
 from rhytid_client.hosts.sequences import MapSequence, found
-from rhytid_client.hosts.server import Drawing, Server
+from rhytid_client.hosts.server import Drawing, Scan, Server
 from rhytid_client.hosts.skin import Skin
 from rhytid_client.hosts.trouble import Trouble
 from rhytid_client.hosts.work import Cancelled, Progress, finish
@@ -22,6 +22,7 @@ __all__ = [
     "MapSequence",
     "MeshArrays",
     "Progress",
+    "Scan",
     "Scene",
     "Server",
     "Skin",

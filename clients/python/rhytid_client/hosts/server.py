@@ -55,6 +55,17 @@ class Drawing:
 
 
 @dataclass(frozen=True)
+class Scan:
+    """Displacement that a mesh has already.
+
+    files: EXR, PNG, TIFF or JPEG, paths or bytes by UDIM.  settings: `scan_settings` of the client.
+    """
+
+    files: Mapping[int, Path | bytes]
+    settings: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
 class Server:
     """The address of a service.  key: of its API, as `rhytid keys create` prints it; empty where
     the service asks for none."""
@@ -88,19 +99,23 @@ class Server:
         settings: Mapping[str, Any],
         shapes: Mapping[str, NDArray[Any]] | None = None,
         name: str | None = None,
+        scan: Scan | None = None,
     ) -> Generator[Step, None, Asset]:
         """Send a mesh, arrays or the path of a file, and wait until its skin is grown.
 
-        shapes: expressions, positions (V, 3) by name.  name: of arrays, for people. Closed, it ends
-        the job. Raises Trouble.
+        shapes: expressions, positions (V, 3) by name.  name: of arrays, for people.  scan: its
+        lines are traced in place of a growth. Closed, it ends the job. Raises Trouble.
         """
         yield 0.0, "sending", 0.0
         with self.client() as client:
             file = None if name is None else re.sub(r"[/:\\]", "_", name) + ".npz"
-            made = client.create_asset(mesh, name=file, settings=settings, shapes=shapes)
+            made = client.create_asset(
+                mesh, name=file, settings=settings, shapes=shapes, **_scan_of(scan)
+            )
         asset = yield from self._built(made)
         if asset.state == "failed":
-            raise Trouble(f"The server cannot grow wrinkles on this mesh: {asset.reason}")
+            what = "grow wrinkles on this mesh" if scan is None else "trace this displacement"
+            raise Trouble(f"The server cannot {what}: {asset.reason}")
         return replace(asset, warnings=tuple(dict.fromkeys((*made.warnings, *asset.warnings))))
 
     def _built(self, asset: Asset) -> Generator[Step, None, Asset]:
@@ -170,6 +185,10 @@ class Server:
         if tile.scale is None:
             raise Trouble(f"{self.url} does not say how high its maps are")
         return tile.scale
+
+
+def _scan_of(scan: Scan | None) -> dict[str, Any]:
+    return {} if scan is None else {"scan": scan.files, "scan_settings": scan.settings}
 
 
 def _map(client: PlainClient, asset: Asset | str, frame: str, udim: int, how: Drawing) -> bytes:
