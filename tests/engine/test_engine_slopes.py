@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.engines import BINNED, QUERIES, REDRAW, draw, maps
+from engine.engines import BINNED, QUERIES, REDRAW, built, draw, maps, new_asset
 from meshes import deform
 from pipeline.scenes import sheet
 from reference import slopes as reference
 from rhytid.domain.tiles import MapAddress, TileAddress
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import SLOPES
+from rhytid.engine.tiles.maps import MapDrawing
 from rhytid.exports.textures.slope_terms import slope_terms
 from rhytid.exports.textures.tangents import Posed
 
@@ -82,3 +83,22 @@ def test_displacement_stays_as_it_is(made):
     made.engine.tiles.plan_map(made.asset, "bent", slopes_of(REDRAW), UDIM, 1).draw()
     for one, other in zip(before, maps(made.engine, made.asset, "bent", 1), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_nothing_is_kept_of_settings_that_changed_meanwhile(engine, monkeypatch):
+    asset = built(engine, new_asset())
+    shared, changes = MapDrawing.shared, [{"depth": 0.02}]
+
+    def changed_after(*arguments):
+        heights = shared(*arguments)
+        if changes:
+            engine.assets.change(asset, changes.pop())
+        return heights
+
+    monkeypatch.setattr(MapDrawing, "shared", changed_after)
+    plan = engine.tiles.plan_map(asset, "neutral", slopes_of(REDRAW), 1001, 2)
+    found = plan.draw()
+
+    engine.assets.change(asset, {"depth": 0.03})
+    engine.assets.change(asset, {"depth": 0.02})
+    np.testing.assert_array_equal(found, plan.draw())

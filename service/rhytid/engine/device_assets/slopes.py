@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.tiles import udim_origin
 from rhytid.engine.device_assets.mesh import DeviceMesh
 from rhytid.engine.frames import Frame
@@ -65,12 +66,13 @@ class DeviceSlopes:
         return np.stack(sums), read(chart.coverage.buffers[level - 1], side, *square)
 
     def make(
-        self, frame: Frame, query: MapQuery, udim: int, terms: Terms, heights: Tile
-    ) -> SlopeLevels | None:
-        """Keep the levels of a frame.  heights: (R, R) of its level 0. None where the chart is not
-        there any more."""
+        self, frame: Frame, query: MapQuery, udim: int, terms: Terms, heights: Tile,
+        settings: AssetSettings,
+    ) -> SlopeLevels | None:  # fmt: skip
+        """Keep the levels of a frame.  heights: (R, R) of its level 0, drawn with `settings`. None
+        where these are not the present ones, or the chart is not there any more."""
         chart: SlopeChart | None = self._base.cache.find("slope chart", udim)
-        if chart is None:
+        if chart is None or self._base.settings is not settings:
             return None
         found: SlopeLevels = self._base.cache.keep_of(
             frame, *_key(query, udim),

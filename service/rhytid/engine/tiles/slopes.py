@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.tiles import MapAddress
 from rhytid.engine.assets.asset import Asset
 from rhytid.engine.assets.on_device import DeviceAssets
@@ -50,7 +51,7 @@ class SlopeDrawing:
         query = replace(query, layer=DISPLACEMENT)
         for _ in range(_ATTEMPTS):
             settings = asset.settings
-            found = self._made(asset, frame, query, udim, level, square)
+            found = self._made(asset, settings, frame, query, udim, level, square)
             if found is not None and asset.settings is settings:
                 return moments(*found)
         raise ChangingError(f"the settings of asset {asset.id} change while its map is drawn")
@@ -66,21 +67,29 @@ class SlopeDrawing:
     ) -> tuple[Tile, Tile]:
         """Moments (n, n, 5) of a whole level, and its coverage (n, n).  heights: (R, R) of level 0.
         terms: of the triangles of the frame."""
-        whole = (0, 0, asset.settings.grid.side(place.level))
+        settings = asset.settings
+        whole = (0, 0, settings.grid.side(place.level))
         for _ in range(_ATTEMPTS):
             if place.level == 0:
                 around = np.pad(heights, 1)
                 found = self._finest(asset, place.udim, terms, around, whole)
             else:
                 found = self._coarse(
-                    asset, frame, query, place.udim, heights, terms, place.level, whole
+                    asset, settings, frame, query, place.udim, heights, terms, place.level, whole
                 )
             if found is not None:
                 return moments(*found), found[1]
         raise ChangingError(f"the settings of asset {asset.id} change while its map is drawn")
 
     def _made(
-        self, asset: Asset, frame: Frame, query: MapQuery, udim: int, level: int, square: Square
+        self,
+        asset: Asset,
+        settings: AssetSettings,
+        frame: Frame,
+        query: MapQuery,
+        udim: int,
+        level: int,
+        square: Square,
     ) -> _Sums | None:
         if level == 0:
             around = self._around(asset, frame, query, udim, square)
@@ -92,14 +101,15 @@ class SlopeDrawing:
         found: _Sums | None = self._on_device.use(asset, kept)
         if found is not None:
             return found
-        whole = (0, 0, asset.settings.resolution)
+        whole = (0, 0, settings.resolution)
         heights = self._maps.shared(asset, frame, query, udim, 0, whole)
         terms = self._terms(asset, frame)
-        return self._coarse(asset, frame, query, udim, heights, terms, level, square)
+        return self._coarse(asset, settings, frame, query, udim, heights, terms, level, square)
 
     def _coarse(
         self,
         asset: Asset,
+        settings: AssetSettings,
         frame: Frame,
         query: MapQuery,
         udim: int,
@@ -108,11 +118,12 @@ class SlopeDrawing:
         level: int,
         square: Square,
     ) -> _Sums | None:
-        """Of a square of level 1 or coarser. None where the settings changed meanwhile."""
+        """Of a square of level 1 or coarser. None where other settings than those that the heights
+        are drawn with are in use now."""
         self._ensure_chart(asset, udim)
 
         def make(resident: DeviceAsset) -> _Sums | None:
-            if resident.slopes.make(frame, query, udim, terms, heights) is None:
+            if resident.slopes.make(frame, query, udim, terms, heights, settings) is None:
                 return None
             return resident.slopes.kept(frame, query, udim, level, square)
 
