@@ -106,6 +106,7 @@ def test_a_frame_is_measured_where_its_skin_is(
         (["--strain", "1.25", "--frame", "1"], "both say how the mesh is moved"),
         (["--scan", __file__, "--strain", "1.25"], "a scan is measured at rest"),
         (["--strain-across", "1.1"], "is beside --strain"),
+        (["--frame", "0"], "argument --frame"),
         (["--patch", "1"], "--patch has 1 numbers"),
         (["--strain", "-1"], "--strain -1: above 0"),
         (["--scan", __file__, "--wrinkles", "5"], "--scan gives the relief"),

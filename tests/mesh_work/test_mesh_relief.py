@@ -117,3 +117,11 @@ def test_stretch_of_a_sheet_of_waves() -> None:
     ratio = stretched.slopes_along.variance / rest.slopes_along.variance
     assert ratio == pytest.approx(0.64, rel=0.01)
     assert set(rest.as_json()) >= {"areal", "along", "edges", "angles", "directions"}
+
+
+def test_a_flat_square_has_figures() -> None:
+    """It is alike in every direction."""
+    found = Figures.of(np.zeros((PIXELS, PIXELS)), SIDE)
+    assert (found.areal.sa, found.along.rz, found.slopes_along.rms) == (0.0, 0.0, 0.0)
+    assert (found.directions.sal, found.directions.longest) == (SIDE / 2, SIDE / 2)
+    assert found.directions.str == 1.0

@@ -18,6 +18,7 @@ from rhytid.cli.options import (
     add_strict,
     add_unit,
     cache_clip,
+    positive,
     readable,
 )
 from rhytid.cli.parser import Commands, new_command
@@ -104,7 +105,7 @@ def _add_strain(group: argparse._ArgumentGroup) -> None:
     frames = f"measure in a frame, too: {FRAME_FILES}"
     add("--frames", type=readable, metavar="FILE", help=frames)
     number = "which frame of --frames, or of MESH, from 1 (default with --frames: the first)"
-    add("--frame", type=int, metavar="I", help=number)
+    add("--frame", type=positive, metavar="I", help=number)
 
 
 def run(arguments: argparse.Namespace) -> None:

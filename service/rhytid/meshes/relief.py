@@ -106,8 +106,9 @@ class Directions:
     """How far heights are alike, by direction.
 
     lengths: of ANGLES, millimetres to where the autocorrelation has fallen to 0.2; half a side of
-    the square where it does not fall.  sal: the shortest.  longest: the longest.  str: sal over it,
-    1 for a relief without direction.  angle: of the longest, along which lines run; degrees.
+    the square where it does not fall, as in all directions of a flat one.  sal: the shortest.
+    longest: the longest.  str: sal over it, 1 for a relief without direction.  angle: of the
+    longest, along which lines run; degrees.
     """
 
     lengths: tuple[float, ...]
@@ -198,7 +199,7 @@ def slopes(heights: FloatArray, step: float) -> FloatArray:
 
 def autocorrelation(heights: FloatArray) -> FloatArray:
     """(P, P) how alike heights are a shift apart, 1 at the middle (P // 2, P // 2): the mean
-    product where a square and its shifted copy overlap."""
+    product where a square and its shifted copy overlap. 1 throughout a flat one."""
     side = len(heights)
     padded = (2 * side, 2 * side)
     h = heights - heights.mean()
@@ -210,7 +211,8 @@ def autocorrelation(heights: FloatArray) -> FloatArray:
     mean = product(h) / np.maximum(product(np.ones_like(h)), 0.5)
     half = side // 2
     middle = np.roll(mean, (half, half), (0, 1))[:side, :side]
-    return middle / max(float(middle[half, half]), 1e-300)
+    most = float(middle[half, half])
+    return middle / most if most > 0.0 else np.ones_like(middle)
 
 
 def _rays(correlation: FloatArray) -> FloatArray:
