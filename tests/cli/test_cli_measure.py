@@ -44,9 +44,8 @@ def test_a_scan_of_waves(sheet: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     OpenEXR.File({}, {"Y": heights}).write(str(scan))
 
     found = measured(capsys, str(sheet), "--scan", str(scan), "--patch", "0.5", "0.5")
-    turned = measured(
-        capsys, str(sheet), "--scan", str(scan), "--patch", "0", "0", "0", "--along", "30"
-    )
+    more = ("--patch", "0", "0", "0", "--along", "30", "--cutoff", "0.8")
+    turned = measured(capsys, str(sheet), "--scan", str(scan), *more)
 
     [patch] = found["patches"]
     areal = patch["rest"]["areal"]
@@ -56,6 +55,9 @@ def test_a_scan_of_waves(sheet: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     assert patch["rest"]["directions"]["angle"] == 90.0
     assert patch["moved"] is None
     assert turned["patches"][0]["rest"]["directions"]["angle"] == 60.0
+    # Half of a wave as long as the cutoff is left, which says nothing of the depth of lines.
+    assert turned["patches"][0]["rest"]["areal"]["sq"] == pytest.approx(30 / 8**0.5, rel=0.05)
+    assert turned["published"] == []
     [depth] = found["published"]
     assert (depth["inside"], depth["low"], depth["high"]) == (True, 20.0, 200.0)
 

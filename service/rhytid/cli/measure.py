@@ -174,9 +174,9 @@ def _measured(
         words = f"frame {arguments.frame or 1}"
         moved = heights.at(place, positions, None)
     else:
-        return Measured(place, before, (rest, None))
+        return Measured(place, before, (rest, None), cutoff=arguments.cutoff)
     after = Figures.of(moved, arguments.size)
-    return Measured(place, before, (rest, moved), after, strain, words)
+    return Measured(place, before, (rest, moved), after, strain, words, arguments.cutoff)
 
 
 def _strain(arguments: argparse.Namespace) -> Strain | None:

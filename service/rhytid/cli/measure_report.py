@@ -57,7 +57,9 @@ class Held:
 @dataclass(frozen=True, eq=False)
 class Measured:
     """A patch.  rest, moved: its figures at rest, and strained or in a frame.  heights: (P, P)
-    micrometres of both.  strain: what was asked for; None for a frame.  change: words for it."""
+    micrometres of both.  strain: what was asked for; None for a frame.  change: words for it.
+    cutoff: mm above which waves were taken out, None for none.
+    """
 
     place: Place
     rest: Figures
@@ -65,6 +67,7 @@ class Measured:
     moved: Figures | None = None
     strain: Strain | None = None
     change: str = ""
+    cutoff: float | None = None
 
     def rows(self) -> list[tuple[str, str, str, str]]:
         """Rows of a table: a figure, at rest, moved, and by how much it changed."""
@@ -72,8 +75,12 @@ class Measured:
         found = []
         for number, (name, value) in enumerate(before):
             other = None if after is None else after[number][1]
-            relative = name.endswith("degrees along") or abs(value) < 1e-9
-            change = "" if other is None or relative else f"{100 * (other / value - 1):+.0f} %"
+            signed = name == "Ssk" or name.endswith("degrees along")
+            change = (
+                ""
+                if other is None or signed or value == 0.0
+                else f"{100 * (other / value - 1):+.0f} %"
+            )
             found.append((name, f"{value:.4g}", "" if other is None else f"{other:.4g}", change))
         return found
 
@@ -86,7 +93,10 @@ class Measured:
     def held(self) -> list[Held]:
         """What is published of such a patch."""
         name, deepest = self.place.name, max(self.rest.along.rz, self.rest.across.rz)
-        found = [Held(name, "depth of lines, Rz at rest", deepest, 20.0, 200.0, "µm", _BIBB)]
+        found = []
+        if self.cutoff is None:  # else lines are not as deep as they were
+            held = Held(name, "depth of lines, Rz at rest", deepest, 20.0, 200.0, "µm", _BIBB)
+            found.append(held)
         strain = self.strain
         if self.moved is None or strain is None or strain.across != 1.0:
             return found
