@@ -25,6 +25,7 @@ from reference import tracing as reference
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.residual import Residual, ScanRelief
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine.assets.upload import content_id
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import MapQuery, NewAsset
 from rhytid.errors import ConflictError, InputError
@@ -201,14 +202,9 @@ def test_its_lines_move_and_can_be_had(traced):
     assert info.wrinkles > 50
     assert info.settings["shape"]["grain"] == info.settings["shape"]["undulation"] == 0.0
     assert info.settings["depth"] == pytest.approx(0.04, rel=0.5)
-    assert (
-        id
-        == engine.assets.create(
-            NewAsset(
-                MESH, new_asset(MESH, depth=None, preset="best", unit="mm").settings, scan=scan
-            )
-        ).id
-    )
+    settings = new_asset(MESH, depth=None, preset="best", unit="mm").settings
+    sent = NewAsset(MESH, settings, scan=scan)
+    assert id == content_id(sent) == engine.assets.create(sent).id
 
 
 def test_what_does_not_fit_is_refused(traced):

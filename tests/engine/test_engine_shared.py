@@ -19,6 +19,7 @@ from engine.engines import REDRAW, built, finish, maps, new_asset, rest, running
 from meshes import deform
 from pipeline.scenes import sheet
 from rhytid.domain.expressions import Expressions
+from rhytid.domain.residual import Residual
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.assets.builder import AssetBuilder
 from rhytid.engine.engine import Engine
@@ -99,7 +100,12 @@ def test_an_asset_that_is_sent_is_fetched_in_place_of_a_build(
     folder: Path, tmp_path: Path, unbuilt: Callable[[], None]
 ) -> None:
     mesh = sheet()
-    new = replace(new_asset(mesh), frames=deform(mesh.positions, 3, 0.15)[None])
+    relief = np.linspace(0.0, 0.1, 256**2, dtype=np.float32).reshape(256, 256)
+    new = replace(
+        new_asset(mesh),
+        frames=deform(mesh.positions, 3, 0.15)[None],
+        residual=Residual.of({1001: relief}),
+    )
     with running(tmp_path / "a", shared_store=str(folder)) as one:
         asset = built(one, new)
         wanted = maps(one, asset, "0001")
