@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from types import MappingProxyType
 from typing import Any
 
@@ -24,6 +26,9 @@ class Programs:
         self._context, self._info = context, candidate
         self._programs: dict[tuple[str, _Defines], Any] = {}
         self._kernels: dict[tuple[str, str, _Defines], Any] = {}
+        # One thread builds a program, others wait for it.
+        self._building: dict[tuple[str, _Defines], threading.Lock] = {}
+        self._noted: dict[tuple[str, _Defines], None] = {}
 
     def kernel(self, program: str, kernel: str, defines: Mapping[str, object] = NO_DEFINES) -> Any:
         """A compiled kernel; its program is compiled once for each set of defines.
@@ -32,16 +37,37 @@ class Programs:
         memory.
         """
         given = tuple(sorted(defines.items()))
+        self._noted[program, given] = None
         key = (program, kernel, given)
         if key not in self._kernels:
             self._kernels[key] = self.fitting(cl.Kernel(self._program(program, given), kernel))
         return self._kernels[key]
 
+    def prepare(self, program: str, defines: Mapping[str, object]) -> None:
+        """Build a program, unless it is built, for kernels that are asked for later. From any
+        thread; raises what `kernel` does, and FileNotFoundError where there is no such program."""
+        self._program(program, tuple(sorted(defines.items())))
+
+    @contextmanager
+    def noting(self) -> Iterator[list[tuple[str, _Defines]]]:
+        """Gives a list, which at the end of the block has the programs whose kernels were asked for
+        in it."""
+        used: list[tuple[str, _Defines]] = []
+        self._noted = {}
+        yield used
+        used.extend(self._noted)
+
     def _program(self, name: str, defines: _Defines) -> Any:
-        if (name, defines) not in self._programs:
-            options = [*BUILD_OPTIONS, *(f"-D{key}={value}" for key, value in defines)]
-            self._programs[name, defines] = self.build(rhytid_kernels.source(name), options)
-        return self._programs[name, defines]
+        key = (name, defines)
+        if key not in self._programs:
+            with self._building.setdefault(key, threading.Lock()):
+                if key not in self._programs:
+                    options = [
+                        *BUILD_OPTIONS,
+                        *(f"-D{define}={value}" for define, value in defines),
+                    ]
+                    self._programs[key] = self.build(rhytid_kernels.source(name), options)
+        return self._programs[key]
 
     def fitting(self, kernel: Any) -> Any:
         """The kernel itself. Raises DeviceError where it needs more local memory than a work-group

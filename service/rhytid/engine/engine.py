@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from rhytid.device.ahead import ProgramsAhead
 from rhytid.device.figures import Figures
 from rhytid.device.memory import usual_frame_memory, usual_host_memory
 from rhytid.device.runtime import Device
@@ -71,7 +72,8 @@ class Engine:
         self.figures = {str(self._device.info.index): figures}
         self._store = AssetStore(settings.store, lock=only is None, packages=settings.packages)
         self._worker = DeviceWorker(settings.queue, figures)
-        self._on_device = DeviceAssets(self._device, self._worker, self._store)
+        self._ahead = ProgramsAhead(self._device, settings.cache)
+        self._on_device = DeviceAssets(self._device, self._worker, self._store, self._ahead)
         host_memory = settings.host_memory or usual_host_memory()
         self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
         self.jobs = Jobs(settings.jobs, figures, settings.build_seconds)
@@ -114,11 +116,13 @@ class Engine:
         except BaseException:
             self.close()
             raise
+        self._ahead.begin()
 
     def close(self) -> None:
         """Stop the jobs, finish the tasks that wait for the device, and close the store."""
         self.shared.close()
         self.jobs.close()
+        self._ahead.close()
         self._worker.close()
         self._store.close()
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
+from rhytid.device.ahead import ProgramsAhead
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
@@ -42,8 +43,11 @@ class DeviceAssets:
     `found`, and are safe from any thread.
     """
 
-    def __init__(self, device: Device, worker: DeviceWorker, store: AssetStore) -> None:
+    def __init__(
+        self, device: Device, worker: DeviceWorker, store: AssetStore, ahead: ProgramsAhead
+    ) -> None:
         self._device, self._worker, self._store = device, worker, store
+        self._ahead = ahead
         # Assets are loaded one at a time: one that is half loaded cannot be dropped for another.
         self._loading = threading.Lock()
 
@@ -194,7 +198,8 @@ class DeviceAssets:
             with self.in_steps():
                 elements = made.mesh.upload(prepared, settings)
             self.run_patiently(made.mesh.take, elements, settings)
-            self.run_patiently(made.warm_up)
+            with self._ahead.noting():
+                self.run_patiently(made.warm_up)
             with asset.kept():
                 self.run_patiently(self._device.budget.keep, _key(asset), lambda: made)
                 asset.on_device = made
