@@ -120,6 +120,20 @@ def test_scan_is_residual_and_neutral(traced: Traced, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("way", ["scan", "residual"])
+def test_packages_have_the_residual(traced: Traced, tmp_path: Path, way: str) -> None:
+    given: tuple[object, ...] = ("--scan", traced.scan, "--scale", RANGE, "--resolution", SIDE)
+    if way == "residual":
+        files = "graph.safetensors", "residual.<UDIM>.exr"
+        given = "--graph", traced.out / files[0], "--residual", traced.out / files[1]
+    out = tmp_path / "skin"
+    exported = ["export", out, "--mesh", traced.mesh, "--levels", 1, *given]
+    assert main([*map(str, exported)]) == 0
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert (manifest["version"], manifest["resolution"]) == (3, SIDE)
+    assert manifest["residual"]["step"] < 2 * STEP
+
+
+@pytest.mark.parametrize("way", ["scan", "residual"])
 def test_baked_maps_are_the_scan_at_rest(
     traced: Traced, tmp_path: Path, way: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -69,12 +69,12 @@ class BakeInputs:
         if skin is not None:
             if mesh.unit is not None:
                 given = {"unit": mesh.unit, **given}
-            given, scanned = _scanned(skin, mesh, given, warnings)
+            given, scanned = scanned_skin(skin, mesh, given, warnings)
             settings = AssetSettings.parse(given)
             name, unit = request.mesh.name, settings.length_unit
             warnings.inputs(mesh.mesh, name, unit, settings.resolution, frames)
             new = new_asset(skin, mesh, settings.named_after(name), request.clip, warnings)
-            new = _with_scan(new, scanned)
+            new = with_scan(new, scanned)
         geometry = None
         if request.geometry is not None:
             geometry = Geometry(mesh.mesh, request.geometry, request.subdivide)
@@ -120,7 +120,7 @@ def new_asset(
     )
 
 
-def _scanned(
+def scanned_skin(
     skin: SkinRequest, mesh: MeshFile, given: dict[str, Any], warnings: RunWarnings
 ) -> tuple[dict[str, Any], Residual | ScanCheck | None]:
     """The settings of the asset, as JSON, and its scan, or the residual of its graph. What is
@@ -141,7 +141,7 @@ def _scanned(
     return {"resolution": check.resolution(), **given}, check
 
 
-def _with_scan(new: NewAsset, scanned: Residual | ScanCheck | None) -> NewAsset:
+def with_scan(new: NewAsset, scanned: Residual | ScanCheck | None) -> NewAsset:
     """The asset with its residual, or with the scan to be traced."""
     if isinstance(scanned, ScanCheck):
         with working("resampling the scan"):

@@ -32,13 +32,7 @@ from rhytid.cli.options import (
     service_settings,
 )
 from rhytid.cli.parser import Commands, new_command
-from rhytid.cli.scan_options import (
-    SCAN_FILES,
-    add_scan_settings,
-    options_named,
-    refuse_without_scan,
-    scan_file,
-)
+from rhytid.cli.scan_options import add_scan, options_named, refuse_scan_conflicts
 from rhytid.cli.skin_options import add_settings, add_skin, refuse_without_effect, skin_request
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.messages import METHODS, MapQuery
@@ -75,7 +69,7 @@ def add_command(commands: Commands) -> None:
     add_force(skin)
     add_stiffness(skin)
     add_settings(skin)
-    _add_scan(parser.add_argument_group("scanned displacement"))
+    add_scan(parser.add_argument_group("scanned displacement"))
     _add_output(parser.add_argument_group("output"))
     _add_machines(parser.add_argument_group("assets, devices and many machines"))
     reports = parser.add_argument_group("what is reported")
@@ -99,15 +93,6 @@ def _add_input(group: Arguments) -> None:
     add("--frame-range", type=frame_range, metavar="RANGE", help=part)
     add_caches(group)
     add_unit(group, "NEUTRAL")
-
-
-def _add_scan(group: Arguments) -> None:
-    """Add the options of skin that is scanned."""
-    scan = f"{SCAN_FILES}; its lines are traced and move, at rest it stays as it is"
-    add_several(group, "--scan", type=scan_file, metavar="MAP", help=scan)
-    add_scan_settings(group)
-    residual = "what --graph does not draw of a scan, as `trace` writes it; added to every map"
-    add_several(group, "--residual", type=scan_file, metavar="FILE", help=residual)
 
 
 def _add_output(group: Arguments) -> None:
@@ -222,7 +207,7 @@ def _request(arguments: argparse.Namespace) -> BakeRequest:
 def _refuse_conflicts(arguments: argparse.Namespace) -> None:
     """End with a usage error where options exclude each other, or where one has no effect."""
     refuse_without_effect(arguments)
-    _refuse_scan_conflicts(arguments)
+    refuse_scan_conflicts(arguments)
     _refuse_beside_asset(arguments)
     _refuse_dask_conflicts(arguments)
     if arguments.half and arguments.profile:
@@ -240,15 +225,6 @@ def _refuse_conflicts(arguments: argparse.Namespace) -> None:
         arguments.usage_error("--chunk says how many frames a task has: give --openjd or --dask")
     if arguments.frames_folder and not arguments.frames_list:
         arguments.usage_error("--frames-folder is where the files of --frames-list are: give both")
-
-
-def _refuse_scan_conflicts(arguments: argparse.Namespace) -> None:
-    """End with a usage error where options of a scan exclude each other, or have no effect."""
-    refuse_without_scan(arguments)
-    if arguments.scan and arguments.graph is not None:
-        arguments.usage_error("--scan is traced to a graph, --graph gives one: use one")
-    if arguments.residual and arguments.graph is None and arguments.asset is None:
-        arguments.usage_error("--residual is what a traced graph does not draw: give --graph, too")
 
 
 def _refuse_shine_without_effect(arguments: argparse.Namespace) -> None:

@@ -22,6 +22,7 @@ from rhytid.cli.options import (
     readable,
 )
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.scan_options import add_scan, options_named, refuse_scan_conflicts
 from rhytid.cli.skin_options import add_settings, add_skin, refuse_without_effect, skin_request
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import NotFoundError
@@ -48,7 +49,7 @@ RESOLUTION = 2048
 # Options that say how an asset is built: with --asset they have no effect.
 _BUILDING = (
     "graph", "settings", "resolution", "spacing", "wrinkles", "seed", "lines", "region", "set",
-    "map", "region_mask", "unit", "force",
+    "map", "region_mask", "unit", "force", "scan", "residual",
 )  # fmt: skip
 
 
@@ -70,6 +71,7 @@ def add_command(commands: Commands) -> None:
     add("--resolution", type=int, metavar="R", help=size)
     add_settings(parser)
     add_force(add_skin(parser, graph=True))
+    add_scan(parser.add_argument_group("scanned displacement"))
     levels = "levels of the maps: 1 for the finest alone (default: down to one texel)"
     add("--levels", type=int, choices=range(1, 16), metavar="N", help=levels)
     store = "folder of the assets (default: with --asset of RHYTID_STORE, else a temporary one)"
@@ -77,7 +79,7 @@ def add_command(commands: Commands) -> None:
     add_device(parser)
     add_strict(parser)
     add_json(parser)
-    parser.set_defaults(run=run, usage_error=parser.refuse, stiffness=[], residual=[], scan=[])
+    parser.set_defaults(run=run, usage_error=parser.refuse, stiffness=[])
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -88,12 +90,13 @@ def run(arguments: argparse.Namespace) -> None:
             if given is not None and given is not False and given != []:
                 option = "--" + name.replace("_", "-")
                 arguments.usage_error(f"{option} says how an asset is built, --asset names one")
-    elif arguments.graph is not None:
+    else:
+        refuse_scan_conflicts(arguments)
         # Shapes are morph targets here, whatever lines grow by.
         refuse_without_effect(argparse.Namespace(**{**vars(arguments), "shapes": None}))
     from rhytid.baking.run_warnings import RunWarnings
 
-    with RunWarnings("export", arguments.strict, arguments.allow) as warnings:
+    with RunWarnings("export", arguments.strict, arguments.allow) as warnings, options_named():
         _run(arguments, warnings)
 
 
@@ -148,14 +151,16 @@ class _NewSkin:
         """Read and check all files, and print warnings. Raises InputError, LimitError and
         SettingsError naming the file or the setting."""
         from rhytid.baking.input_files import mesh_file
-        from rhytid.baking.inputs import new_asset
+        from rhytid.baking.inputs import new_asset, scanned_skin, with_scan
         from rhytid.exports.skin_package.maps import check_settings
 
         skin = skin_request(arguments)
-        given = {"resolution": RESOLUTION, **skin.settings}
+        side = {} if skin.residual else {"resolution": RESOLUTION}  # which a residual has
+        given = {**side, **skin.settings}
         mesh = mesh_file(arguments.mesh, clip)
         if mesh.unit is not None and "unit" not in given:
             given["unit"] = mesh.unit
+        given, scanned = scanned_skin(skin, mesh, given, warnings)
         settings, name = AssetSettings.parse(given), arguments.mesh.name
         check_settings(settings)
         warnings.notes(mesh.notes)
@@ -164,7 +169,7 @@ class _NewSkin:
         shapes = mesh.shapes if arguments.shapes is None else new.shapes
         if new.graph is not None:  # its lines are grown
             new = replace(new, shapes=None)
-        return cls(new, shapes, "r_max" in given.get("bins", {}))
+        return cls(with_scan(new, scanned), shapes, "r_max" in given.get("bins", {}))
 
     def built(self, engine: Engine, warnings: RunWarnings) -> _Skin:
         """Build the asset. The range of its maps fits the shape that stretches most."""

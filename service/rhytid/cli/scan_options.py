@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.options import Arguments, existing, unit_name
+from rhytid.cli.options import Arguments, add_several, existing, unit_name
 from rhytid.domain.scan import AUTO, FLIPS, ScanSettings
 from rhytid.errors import InputError
 from rhytid.support.console import working
@@ -121,6 +121,24 @@ def checked_scan(
     with working("measuring the scan"):
         warnings.add(found.warnings())
     return found
+
+
+def add_scan(group: Arguments) -> None:
+    """Add the options of skin that is scanned."""
+    scan = f"{SCAN_FILES}; its lines are traced and move, at rest it stays as it is"
+    add_several(group, "--scan", type=scan_file, metavar="MAP", help=scan)
+    add_scan_settings(group)
+    residual = "what --graph does not draw of a scan, as `trace` writes it; added to every map"
+    add_several(group, "--residual", type=scan_file, metavar="FILE", help=residual)
+
+
+def refuse_scan_conflicts(arguments: argparse.Namespace) -> None:
+    """End with a usage error where options of a scan exclude each other, or have no effect."""
+    refuse_without_scan(arguments)
+    if arguments.scan and arguments.graph is not None:
+        arguments.usage_error("--scan is traced to a graph, --graph gives one: use one")
+    if arguments.residual and arguments.graph is None and arguments.asset is None:
+        arguments.usage_error("--residual is what a traced graph does not draw: give --graph, too")
 
 
 @contextmanager
