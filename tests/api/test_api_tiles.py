@@ -191,6 +191,8 @@ BAD_QUERIES = {
     "unknown stretch": ("?stretch=magic", "query", "magic"),
     "unknown sampling": ("?sampling=magic", "query", "magic"),
     "unknown format": ("?format=tiff", "query", "tiff"),
+    "unknown layer": ("?layer=magic", "query", "magic"),
+    "no format of slopes": ("?layer=slopes&format=png", "query", "of the layer slopes: one of npy"),
     "unknown parameter": ("?methd=redraw", "query", "unknown query parameter methd"),
     "sent twice": ("?format=npy&format=png", "query", "'format' was sent more than once"),
 }

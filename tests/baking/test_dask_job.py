@@ -15,6 +15,7 @@ from rhytid.baking.farm.bake_session import SharedFile, WorkerJob, mesh_digest
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import InputError
+from rhytid.exports.textures import Shine
 from rhytid.formats.frame_set import Clip
 from rhytid.support.build_identity import drawing_version
 
@@ -71,6 +72,7 @@ def job(tmp_path: Path) -> WorkerJob:
         profiles=("float",),
         compression="zip",
         blood_seconds=0.15,
+        shine=Shine(3, 0.4),
         geometry=None,
         subdivide=2,
         query=MapQuery(),

@@ -89,6 +89,9 @@ def heights_of_png16(out: Path, inside: NDArray[np.bool_]) -> None:
     [
         (["--half", "--profile", "tx"], "--half is --profile half"),
         (["--profile", "jpeg"], "invalid choice"),
+        (["--profile", "png16", "--level", "2"], "--level is of the profiles"),
+        (["--profile", "slopes", "--base-roughness", "0.5"], "--base-roughness is of"),
+        (["--profile", "roughness", "--base-roughness", "1.5"], "a number from 0 to 1"),
         (["--profile", "png16", "--compression", "zips"], "is of the profiles float and half"),
         (["--compression", "rar"], "invalid choice"),
     ],

@@ -42,6 +42,18 @@ def test_npy_is_the_file_that_numpy_saves(tile: NDArray[np.float32]) -> None:
     assert encode(tile, "npy", HEADER).body == stream.getvalue()
 
 
+def test_moments_of_slopes_have_a_channel_each() -> None:
+    moments = np.random.default_rng(5).normal(size=(8, 6, 5)).astype(np.float32)
+    np.testing.assert_array_equal(decoded(encode(moments, "npy", HEADER)), moments)
+    stream = io.BytesIO(encode(moments, "exr", HEADER).body)
+    file = OpenEXR.File(stream, separate_channels=True)
+    found = {name: channel.pixels for name, channel in file.channels().items()}
+    names = [f"slope.{name}" for name in ("x", "y", "xx", "xy", "yy")]
+    assert sorted(found) == sorted(names)
+    np.testing.assert_array_equal(np.stack([found[n] for n in names], axis=-1), moments)
+    assert file.header()["layer"] == "slopes"
+
+
 def test_f16_holds_what_rounds_to_its_largest() -> None:
     largest = np.full((2, 2), np.nextafter(np.float32(65520), np.float32(0)))
     assert np.frombuffer(encode(-largest, "f16", HEADER).body, "<f2").tolist() == [-65504.0] * 4
