@@ -47,8 +47,9 @@ SUMMARY = "Find the lines and pores of a scanned or sculpted displacement map, a
 DETAILS = f"""
 Writes into a folder the graph, {GRAPH}; residual.<UDIM>.exr, what the graph does not draw, in mesh
 units; {SETTINGS}, with which `bake` draws the graph; and {PICTURE}, a picture of scan, lines and
-rest. At rest, what `bake --graph {GRAPH} --settings {SETTINGS}` draws plus the residual is the
-scan. Lines and pores that are not found do not move."""
+rest. What `bake --graph {GRAPH} --residual residual.<UDIM>.exr --settings {SETTINGS}`
+draws at rest is the scan. Lines and pores that are not found do not move. `bake --scan` does all
+of it at once."""
 Reliefs = dict[int, NDArray[np.float32]]
 # Texels of a side that no more is taken of a scan than, unless it is asked for.
 _USUAL = AssetSettings().resolution
@@ -265,13 +266,14 @@ def _text(arguments: argparse.Namespace, figures: dict[str, Any]) -> str:
         for u in figures["udims"]
     ]  # fmt: skip
     draw = f"rhytid bake {arguments.mesh} --frames SHOT --graph {out / GRAPH}"
-    settings = f"--settings {out / SETTINGS} --out maps"
+    residual = out / "residual.<UDIM>.exr"
+    settings = f"--residual {residual} --settings {out / SETTINGS} --out maps"
     return "\n".join(
         [
             f"{counts}; a line of weight 1 is {figures['depth']:.3g} {unit} deep",
             table(header, rows),
             "left: root mean square of the residual over that of the relief; fine: of what is "
             "narrower than 33 texels",
-            f"the lines move with: {draw} {settings}; add residual.<UDIM>.exr to each map",
+            f"the lines move with: {draw} {settings}",
         ]
     )
