@@ -126,6 +126,22 @@ def test_changes_keep_it(made):
             engine.assets.change(id, {"response": {"alpha_d": 4.0}})
 
 
+def test_another_depth_is_noticed_with_the_way_back(made):
+    engine, scanned, plain = made
+    depth = engine.assets.info(scanned).settings["depth"]
+    assert "scan-redrawn" not in codes(engine, plain, {"depth": 2.0 * depth})
+    engine.assets.change(plain, {"depth": depth})
+    found = engine.assets.change(scanned, {"depth": 2.0 * depth}).notices
+    (notice,) = [one for one in found if one.code == "scan-redrawn"]
+    assert notice.detail.endswith(f'PATCH {{"depth": {depth}}}')
+    assert "scan-redrawn" in codes(engine, scanned, {"depth": depth})
+    assert "scan-redrawn" not in codes(engine, scanned, {"response": {"alpha_d": 4.0}})
+
+
+def codes(engine: Engine, asset: str, changes: dict) -> list[str]:
+    return [notice.code for notice in engine.assets.change(asset, changes).notices]
+
+
 def test_its_memory_is_counted(made):
     engine, scanned, plain = made
     one, other = (

@@ -10,7 +10,7 @@ from typing import Any
 
 from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
 from rhytid.domain.lengths import GRAIN, SKIN, millimetres
-from rhytid.domain.setting_fields import leaves
+from rhytid.domain.setting_fields import leaves, nested
 from rhytid.domain.skin import depth_factor
 from rhytid.domain.warnings import Meaning
 
@@ -18,6 +18,7 @@ GRAIN_NOT_DRAWN = "grain-not-drawn"
 FEW_TEXELS = "few-texels"
 LARGE_BUILD = "large-build"
 PRESET_SET = "preset-set"
+SCAN_REDRAWN = "scan-redrawn"
 # few-texels: texels between pores from which on they are told apart.
 TEXELS_BETWEEN = 4.0
 # large-build: wrinkles beyond which more than a head may have been asked for. A face has about half
@@ -124,6 +125,22 @@ def preset_notice(
     return (Notice(PRESET_SET, detail),)
 
 
+def redrawn_notice(before: AssetSettings, after: AssetSettings) -> tuple[Notice, ...]:
+    """A notice where a change draws the lines of a scanned skin otherwise at rest, with the values
+    of before that do not."""
+    former, now = before.as_json(), after.as_json()
+    was, is_now = (leaves({n: part[n] for n in ("depth", "shape")}) for part in (former, now))
+    changed = {name: value for name, value in was.items() if is_now[name] != value}
+    if not changed:
+        return ()
+    listed = "; ".join(f"{n} is {_json(is_now[n])}, was {_json(v)}" for n, v in changed.items())
+    detail = (
+        f"the lines of this scanned skin are drawn otherwise at rest, so that it is no longer what "
+        f"it was there: {listed}. To have that back, PATCH {_json(nested(changed))}"
+    )
+    return (Notice(SCAN_REDRAWN, detail),)
+
+
 def spacing_of_count(settings: AssetSettings, distance: float) -> str:
     """A line about the lengths that follow where `graph.wrinkles` fixes how far apart pores are.
 
@@ -194,5 +211,11 @@ NOTICES: dict[str, Meaning] = {
         "the change of an asset, in the answer to it alone",
         "a preset was sent, and it changed settings that were not",
         "to keep one as it was, send it beside the preset",
+    ),
+    SCAN_REDRAWN: Meaning(
+        "the change of a scanned asset, in the answer to it alone",
+        "`depth` or `shape` changed, in which its lines were traced: at rest it is the scan no "
+        "more",
+        "send the values back that the text has; `response` says how lines move and may change",
     ),
 }

@@ -15,7 +15,7 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import GraphOrigin, WrinkleGraph
 from rhytid.domain.graph_geometry import Curves, graph_curves, with_triangles
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.notices import preset_notice
+from rhytid.domain.notices import preset_notice, redrawn_notice
 from rhytid.domain.settings_changes import CHANGEABLE
 from rhytid.engine.assets.asset import Asset, AssetRegistry
 from rhytid.engine.assets.builder import AssetBuilder
@@ -101,6 +101,8 @@ class AssetService(Assets):
             self._builder.change(found, after)
         self._builder.prepare_bins(found)
         info, notices = found.info(), preset_notice(before, after, changes)
+        if found.residual is not None:
+            notices += redrawn_notice(before, after)
         return replace(info, notices=(*info.notices, *notices))
 
     def resized(self, asset: str, resolution: int) -> AssetInfo:
