@@ -94,6 +94,8 @@ def heights_of_png16(out: Path, inside: NDArray[np.bool_]) -> None:
         (["--profile", "roughness", "--base-roughness", "1.5"], "a number from 0 to 1"),
         (["--profile", "png16", "--compression", "zips"], "is of the profiles float and half"),
         (["--compression", "rar"], "invalid choice"),
+        (["--blood-time", "0.3"], "is of --profile blood"),
+        (["--profile", "blood", "--blood-time", "-1"], "seconds, 0 to 10"),
     ],
 )
 def test_options_that_contradict(
