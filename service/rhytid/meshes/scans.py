@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.scan import AUTO, Codes, Scan, ScanMap, ScanSettings, full_range
@@ -87,7 +87,7 @@ class Background:
     def of(cls, channel: Codes, covered: Mask) -> Background:
         """That of a channel.  covered: as `charts` has it."""
         cells = at_cells(channel)
-        outside = cells[~ndimage.binary_dilation(covered, iterations=_PADDING)]
+        outside = cells[~scipy.ndimage.binary_dilation(covered, iterations=_PADDING)]
         inside = cells[covered]
         inside = inside if inside.size else cells.reshape(-1)
         median, size = float(np.median(inside)), full_range(channel)
