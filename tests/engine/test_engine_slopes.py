@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +15,7 @@ from pipeline.scenes import sheet
 from reference import slopes as reference
 from rhytid.domain.tiles import MapAddress, TileAddress
 from rhytid.engine.frames import Frame
-from rhytid.engine.messages import SLOPES
+from rhytid.engine.messages import SLOPES, MapQuery
 from rhytid.engine.tiles.maps import MapDrawing
 from rhytid.exports.textures.slope_terms import slope_terms
 from rhytid.exports.textures.tangents import Posed
@@ -83,6 +85,27 @@ def test_displacement_stays_as_it_is(made):
     made.engine.tiles.plan_map(made.asset, "bent", slopes_of(REDRAW), UDIM, 1).draw()
     for one, other in zip(before, maps(made.engine, made.asset, "bent", 1), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_one_whole_level_0_is_in_memory_at_a_time(made, monkeypatch):
+    shared, held, most = MapDrawing.shared, [], []
+    whole = (0, 0, 256)
+
+    def counted(self, *arguments):
+        if arguments[-1] == whole:
+            held.append(0)
+            most.append(len(held))
+            time.sleep(0.05)
+        found = shared(self, *arguments)
+        held[:] = held[1:] if arguments[-1] == whole else held
+        return found
+
+    monkeypatch.setattr(MapDrawing, "shared", counted)
+    queries = [slopes_of(MapQuery("redraw", model)) for model in ("tensor", "tension", "uv")]
+    plans = [made.engine.tiles.plan_map(made.asset, "bent", q, 1001, 4) for q in queries]
+    with ThreadPoolExecutor() as threads:
+        list(threads.map(lambda plan: plan.draw(), plans))
+    assert (len(most), max(most)) == (3, 1)
 
 
 def test_nothing_is_kept_of_settings_that_changed_meanwhile(engine, monkeypatch):

@@ -191,4 +191,5 @@ def moments(sums: Texels, coverage: Texels) -> Texels:
     coverage: (n, n), the share of each texel that has a triangle.
     """
     share = np.where(coverage > 0.0, coverage, np.float32(1.0))
-    return np.ascontiguousarray(np.moveaxis(sums / share, 0, -1))
+    found = np.empty((*share.shape, len(sums)), np.float32)
+    return np.divide(np.moveaxis(sums, 0, -1), share[..., None], out=found)

@@ -3,6 +3,9 @@ it."""
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 
@@ -11,6 +14,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.tiles import MapAddress
+from rhytid.engine import call_context
 from rhytid.engine.assets.asset import Asset
 from rhytid.engine.assets.on_device import DeviceAssets
 from rhytid.engine.device_assets.asset import DeviceAsset
@@ -38,6 +42,7 @@ class SlopeDrawing:
 
     def __init__(self, on_device: DeviceAssets, maps: MapDrawing) -> None:
         self._on_device, self._maps = on_device, maps
+        self._whole = threading.Lock()
 
     def square(
         self, asset: Asset, frame: Frame, query: MapQuery, udim: int, level: int, square: Square
@@ -101,10 +106,25 @@ class SlopeDrawing:
         found: _Sums | None = self._on_device.use(asset, kept)
         if found is not None:
             return found
-        whole = (0, 0, settings.resolution)
-        heights = self._maps.shared(asset, frame, query, udim, 0, whole)
-        terms = self._terms(asset, frame)
-        return self._coarse(asset, settings, frame, query, udim, heights, terms, level, square)
+        with self._alone():
+            if (found := self._on_device.use(asset, kept, patiently=True)) is not None:
+                return found
+            whole = (0, 0, settings.resolution)
+            heights = self._maps.shared(asset, frame, query, udim, 0, whole)
+            terms = self._terms(asset, frame)
+            return self._coarse(asset, settings, frame, query, udim, heights, terms, level, square)
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Level 0 of a UDIM as a whole, up to 1 GiB, is in memory for one caller at a time; who
+        waits may find what it asks for afterwards. Raises CancelledError where the caller is
+        gone."""
+        while not self._whole.acquire(timeout=call_context.LOOK):
+            call_context.check_abandoned()
+        try:
+            yield
+        finally:
+            self._whole.release()
 
     def _coarse(
         self,
