@@ -43,7 +43,7 @@ def test_one_bake_writes_every_profile(
 
     assert (figures["written"], figures["skipped"]) == (len(names) - 1, 1)
     assert first["bytes_at_most"] == {"frame": 4 * 256**2, "all": 4 * 256**2, "frames": 1}
-    line = "rhytid: maps: up to 2.14 MB per frame, 2.14 MB for 1 frame, before compression"
+    line = "rhytid: maps: up to 2.8 MB per frame, 2.8 MB for 1 frame, before compression"
     assert line in told.err
     heights = alone.texels[..., 0]
     assert heights.min() < -1e-3
@@ -127,3 +127,13 @@ def test_a_compression_changes_no_texel(tmp_path: Path, small_mesh: SmallMesh) -
 
     np.testing.assert_array_equal(found[0].texels, found[1].texels)
     assert [one.attributes["compression"] for one in found] == ["zip", "piz"]
+
+
+def test_a_level_that_there_is_not_is_refused_before_anything_is_built(
+    tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shot, out = write_animation(tmp_path / "shot.npz", small_mesh, 1), tmp_path / "maps"
+    given = ["bake", "--mesh", str(shot), "--out", str(out), *SMALL, "--profile", "slopes"]
+    assert main([*given, "--level", "9"]) == 1
+    assert "--level 9: maps of 256 x 256 texels have levels 0 to 8" in capsys.readouterr().err
+    assert not out.exists()

@@ -14,8 +14,11 @@ from rhytid.baking.farm.openjd_bundle import write_job
 from rhytid.baking.inputs import BakeInputs
 from rhytid.baking.request import BakeRequest, BakeSummary
 from rhytid.baking.run_warnings import RunWarnings
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.tiles import TileGrid
 from rhytid.domain.wording import plural
 from rhytid.engine.engine import Engine
+from rhytid.errors import InputError
 from rhytid.support.atomic_files import sweep
 from rhytid.support.console import Stopwatch, make_folder, note
 from rhytid.support.settings import ServiceSettings
@@ -32,6 +35,8 @@ def bake(request: BakeRequest, warnings: RunWarnings) -> BakeSummary:
     inputs = BakeInputs.read(request, warnings)
     if request.dask is not None:
         check_cluster(request.dask)
+    if inputs.new is not None:
+        _check_level(request, inputs.new.settings.grid)
     make_folder(request.openjd or request.out)
     if inputs.new is not None:
         note(f"rhytid: {inputs.size(inputs.new.settings.resolution).text()}")
@@ -74,11 +79,22 @@ def _baker(
         assert request.asset is not None
         with naming_store(store):
             asset = stored(engine, request.asset, inputs.mesh, request.resolution)
+        _check_level(request, AssetSettings.parse(asset.settings).grid)
     output = inputs.output(request.out)
     return Baker(
         engine, asset, inputs.mesh, request.query, inputs.frames, output, watch, warnings,
         inputs.geometry, request.lag,
     )  # fmt: skip
+
+
+def _check_level(request: BakeRequest, grid: TileGrid) -> None:
+    """Raise InputError where maps are asked for at a level that there is not."""
+    asked, last = request.shine.of_moments, grid.levels - 1
+    if asked > last and any(profile.of_slopes for profile in request.profiles):
+        raise InputError(
+            f"--level {asked}: maps of {grid.resolution} x {grid.resolution} texels have levels "
+            f"0 to {last}"
+        )
 
 
 def _maps(request: BakeRequest, baker: Baker, inputs: BakeInputs) -> BakeSummary:
