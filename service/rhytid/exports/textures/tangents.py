@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,13 +39,14 @@ class Posed:
     def of(cls, mesh: Mesh, positions: NDArray[np.float32]) -> Posed:
         """The surface of a mesh in a frame with positions (V, 3)."""
         corners = positions.astype(np.float64)[mesh.faces]
-        places = welded(mesh)[mesh.faces]
-        du, dv, signs = _derivatives(mesh, corners)
+        joined = _joined(mesh)
+        places, signs = joined.places, joined.signs
+        du, dv = _derivatives(mesh, corners)
         along = unit(du)
         across = unit(dv - dot(dv, along) * along)
         scale = np.concatenate([dot(du, along), dot(dv, along), dot(dv, across)], axis=1)
         normals = vertex_normals(corners, places)
-        tangents = _tangents(mesh, corners, places, normals, along, signs)
+        tangents = _tangents(corners, joined, normals, along)
         return cls(normals, tangents, signs, along, across, scale)
 
 
@@ -56,37 +58,70 @@ def vertex_normals(corners: FloatArray, places: IntArray) -> FloatArray:
 
 
 def _tangents(
-    mesh: Mesh,
-    corners: FloatArray,
-    places: IntArray,
-    normals: FloatArray,
-    along: FloatArray,
-    signs: FloatArray,
+    corners: FloatArray, joined: _Joined, normals: FloatArray, along: FloatArray
 ) -> FloatArray:
     """As mikktspace.c: dP/du of each triangle, brought into the plane of the vertex normal, of unit
     length, weighted by the angle in that plane, summed where position, normal, UV and side agree.
     """
-    _, uv = np.unique(mesh.uv, axis=0, return_inverse=True)
-    key = np.stack([places, uv.reshape(-1)[mesh.face_uv], np.broadcast_to(signs[:, None] > 0,
-                    places.shape)], axis=-1)  # fmt: skip
-    _, vertex = np.unique(key.reshape(-1, 3), axis=0, return_inverse=True)
     flat = unit(along[:, None] - dot(along[:, None], normals) * normals)
     after, before = (np.roll(corners, -step, axis=1) - corners for step in (1, 2))
     ends = [unit(edge - dot(edge, normals) * normals) for edge in (after, before)]
     angles = np.arccos(dot(*ends).clip(-1.0, 1.0))
-    weight = angles * (signs != 0)[:, None, None]
-    return _summed(flat * weight, vertex.reshape(places.shape))
+    weight = angles * (joined.signs != 0)[:, None, None]
+    return _summed(flat * weight, joined.vertices)
 
 
-def _derivatives(mesh: Mesh, corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """dP/du, dP/dv (F, 3) and the sign of the UV area (F,), 0 where there is none."""
+@dataclass(frozen=True, eq=False)
+class _Joined:
+    """What is the same in every frame of a mesh, and takes longer than the rest.
+
+    places (F, 3): of corners, numbers of places in space.  vertices (F, 3): numbers of those whose
+    tangent is one: place, UV and side agree.  signs (F,): of the area in UV, 0 where there is none.
+    """
+
+    places: IntArray
+    vertices: IntArray
+    signs: FloatArray
+
+
+_OF_MESH: WeakKeyDictionary[Mesh, _Joined] = WeakKeyDictionary()
+
+
+def _joined(mesh: Mesh) -> _Joined:
+    """Kept as long as the mesh is. Threads that come at once each make the same."""
+    found = _OF_MESH.get(mesh)
+    if found is None:
+        found = _OF_MESH[mesh] = _join(mesh)
+    return found
+
+
+def _join(mesh: Mesh) -> _Joined:
+    places = welded(mesh)[mesh.faces]
+    signs = np.sign(_uv_area(mesh)[:, 0]) * mesh.triangles_with_uv()
+    _, uv = np.unique(mesh.uv, axis=0, return_inverse=True)
+    key = np.stack([places, uv.reshape(-1)[mesh.face_uv], np.broadcast_to(signs[:, None] > 0,
+                    places.shape)], axis=-1)  # fmt: skip
+    _, vertex = np.unique(key.reshape(-1, 3), axis=0, return_inverse=True)
+    return _Joined(places, vertex.reshape(places.shape), signs)
+
+
+def _uv_area(mesh: Mesh) -> FloatArray:
+    """(F, 1) twice the area of triangles in UV, with its sign."""
+    uv = mesh.triangle_uv()
+    (u1, v1), (u2, v2) = ((uv[:, i] - uv[:, 0]).T[..., None] for i in (1, 2))
+    found: FloatArray = u1 * v2 - u2 * v1
+    return found
+
+
+def _derivatives(mesh: Mesh, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """dP/du and dP/dv (F, 3)."""
     uv = mesh.triangle_uv()
     (u1, v1), (u2, v2) = ((uv[:, i] - uv[:, 0]).T[..., None] for i in (1, 2))
     first, second = (corners[:, i] - corners[:, 0] for i in (1, 2))
-    area = u1 * v2 - u2 * v1
+    area = _uv_area(mesh)
     usable = np.where(area == 0.0, 1.0, area)
     du, dv = (first * v2 - second * v1) / usable, (second * u1 - first * u2) / usable
-    return du, dv, np.sign(area[:, 0]) * mesh.triangles_with_uv()
+    return du, dv
 
 
 def _angles(corners: FloatArray) -> FloatArray:
