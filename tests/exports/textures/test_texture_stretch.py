@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,13 @@ from reference.hencky import hencky, turning
 from reference.stretch import stretch
 from rhytid.domain.mesh import Mesh
 from rhytid.exports.textures.frame_map import Chart, VertexField
-from rhytid.exports.textures.stretch import MOST, stretch_map, vertex_stretch
+from rhytid.exports.textures.stretch import (
+    MOST,
+    Corners,
+    _components,
+    stretch_map,
+    vertex_stretch,
+)
 from rhytid.exports.textures.tangents import Posed
 
 SIDE = 64
@@ -136,10 +141,8 @@ def weights_of(corner: int, share: FloatArray) -> FloatArray:
 
 
 def in_space(posed: Posed, field: VertexField, face: int, weights: FloatArray) -> FloatArray:
-    from rhytid.exports.textures.stretch import _components
-
     found = np.array([face], np.int32)
-    tt, bb, tb = partial(_components, posed, field)(found, weights)[0]
+    tt, bb, tb = _components(Corners.of(posed, field), found, weights)[0]
     normal = unit((weights[0, :, None] * posed.normals[face]).sum(axis=0))
     tangent = (weights[0, :, None] * posed.tangents[face]).sum(axis=0)
     t = unit(tangent - normal * (tangent @ normal))

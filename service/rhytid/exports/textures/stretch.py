@@ -13,6 +13,7 @@ show: a step of the numbers over a seam is that of the tangents alone. All in do
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -32,8 +33,11 @@ MOST = float(np.log(4.0))
 # |log ratio| of weight 1: twice or half as long.
 FULL = float(np.log(2.0))
 _CHANNELS = ("R", "G", "B")
-# Where the six numbers of a symmetric matrix stand in its nine: xx, yy, zz, xy, xz, yz.
-_SIX, _NINE = ((0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)), (0, 3, 4, 3, 1, 5, 4, 5, 2)
+# Points whose numbers are worked on at once.
+_CACHED = 1 << 12
+Vectors = FloatArray | tuple[FloatArray, FloatArray, FloatArray]
+# Rows and columns of the six numbers of a symmetric matrix: xx, yy, zz, xy, xz, yz.
+_SIX = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
 
 
 def weight_facts(map: FrameMap) -> Facts:
@@ -139,27 +143,73 @@ def _turned(vectors: FloatArray, normal: FloatArray, to: FloatArray) -> FloatArr
 
 def stretch_map(chart: Chart, posed: Posed, field: VertexField) -> NDArray[np.float32]:
     """(R, R, 3) log stretch of texels along T, along B, and between both: h_TT, h_BB, h_TB."""
-    return chart.sampled(3, partial(_components, posed, field))
+    return chart.sampled(3, partial(_components, Corners.of(posed, field)))
 
 
-def _components(
-    posed: Posed, field: VertexField, found: NDArray[np.int32], share: FloatArray
-) -> FloatArray:
-    """(N, 3) at points with weights (N, 3) in triangles (N,)."""
-    normal = unit(np.einsum("kc,kcx->kx", share, posed.normals[found]))
-    tangent = np.einsum("kc,kcx->kx", share, posed.tangents[found])
-    along = unit(tangent - dot(tangent, normal) * normal)
-    across = posed.signs[found][:, None] * np.cross(normal, along)
-    out = np.zeros((len(found), 3))
-    for corner in range(3):
-        at = field.values[field.places[found, corner]]
-        own = posed.normals[found, corner]
-        t, b = _turned(along, normal, own), _turned(across, normal, own)
-        pulled = np.einsum("kxy,ky->kx", at[:, 1:][:, _NINE].reshape(-1, 3, 3), t)
-        shear, skew = dot(t, pulled)[:, 0], dot(b, pulled)[:, 0]
-        parts = np.stack([at[:, 0] + shear, at[:, 0] - shear, skew], axis=1)
-        out += share[:, corner, None] * parts
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """What texels are computed from, number by number, so that numpy runs along them.
+
+    normals, tangents (3, 3, F): by corner and axis.  values (3, 7, F): by corner.  signs (F,).
+    """
+
+    normals: FloatArray
+    tangents: FloatArray
+    values: FloatArray
+    signs: FloatArray
+
+    @classmethod
+    def of(cls, posed: Posed, field: VertexField) -> Corners:
+        """Those of a frame."""
+        normals, tangents, values = (
+            np.ascontiguousarray(np.moveaxis(one, 0, -1))
+            for one in (posed.normals, posed.tangents, field.values[field.places])
+        )
+        return cls(normals, tangents, values, posed.signs)
+
+
+def _components(corners: Corners, found: NDArray[np.int32], share: FloatArray) -> FloatArray:
+    """(N, 3) at points with weights (N, 3) in triangles (N,), some at a time, which a cache
+    holds."""
+    out = np.empty((len(found), 3))
+    for start in range(0, len(found), _CACHED):
+        part = slice(start, start + _CACHED)
+        out[part] = _some_components(corners, found[part], np.ascontiguousarray(share[part].T)).T
     return out
+
+
+def _some_components(corners: Corners, found: NDArray[np.int32], weights: FloatArray) -> FloatArray:
+    """(3, N) at points with weights (3, N) in triangles (N,)."""
+    normals, values = (np.take(one, found, axis=-1) for one in (corners.normals, corners.values))
+    tangents = np.take(corners.tangents, found, axis=-1)
+    normal, along = _mean(normals, weights), _mean(tangents, weights)
+    normal /= np.maximum(np.sqrt(_dot(normal, normal)), 1e-300)
+    along -= _dot(along, normal) * normal
+    along /= np.maximum(np.sqrt(_dot(along, along)), 1e-300)
+    sign, out = corners.signs[found], np.zeros((3, len(found)))
+    for weight, own, (even, *tensor) in zip(weights, normals, values, strict=True):
+        t = along - _dot(along, own) / np.maximum(1.0 + _dot(normal, own), 1e-12) * (normal + own)
+        xx, yy, zz, xy, xz, yz = tensor
+        x, y, z = t
+        pulled = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
+        b = own[1] * z - own[2] * y, own[2] * x - own[0] * z, own[0] * y - own[1] * x
+        shear = _dot(t, pulled)
+        out[0] += weight * (even + shear)
+        out[1] += weight * (even - shear)
+        out[2] += weight * sign * _dot(b, pulled)
+    return out
+
+
+def _mean(corners: FloatArray, weights: FloatArray) -> FloatArray:
+    """(3, N) means of vectors (3, 3, N) at corners with weights (3, N)."""
+    found: FloatArray = (corners * weights[:, None]).sum(axis=0)
+    return found
+
+
+def _dot(a: Vectors, b: Vectors) -> FloatArray:
+    """(N,) scalar products of vectors, by axis."""
+    found: FloatArray = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return found
 
 
 def stretch_facts(map: FrameMap) -> Facts:
