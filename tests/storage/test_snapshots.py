@@ -20,6 +20,7 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Stiffness
+from rhytid.domain.residual import Residual
 from rhytid.errors import DiskFullError, SnapshotError, StorageError
 from rhytid.formats.graphs import write_graph
 from rhytid.storage import AssetStore
@@ -366,3 +367,20 @@ def test_a_snapshot_is_made_in_pieces(tmp_path: Path, mesh: Mesh, settings: Asse
         tracemalloc.stop()
     assert size > 20 << 20
     assert most < 4 << 20
+
+
+@pytest.mark.parametrize(
+    ("udim", "side", "error"),
+    [(1001, 128, "has 128 texels a side, the asset has 256"), (1055, 256, "which has no mesh")],
+)
+def test_a_residual_that_does_not_fit_is_refused(
+    store: AssetStore, other: AssetStore, mesh: Mesh, graph: WrinkleGraph, udim: int, side: int,
+    error: str,
+) -> None:  # fmt: skip
+    """The device would read beside it."""
+    settings = AssetSettings.parse({"resolution": 256, "tile_size": 64}).resolved(0.5)
+    residual = Residual.of({udim: np.ones((side, side), np.float32)})
+    store.put_asset(ID, mesh, graph, settings, EXTRA, residual=residual)
+    with pytest.raises(SnapshotError, match=error):
+        restored(other, taken(store))
+    assert untouched(other)

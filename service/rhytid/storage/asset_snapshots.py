@@ -10,7 +10,7 @@ from pathlib import Path
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.tiles import mesh_udims
-from rhytid.errors import SnapshotError, StorageError, StoreFormatError
+from rhytid.errors import InputError, SnapshotError, StorageError, StoreFormatError
 from rhytid.storage.folders import StoreFolders
 from rhytid.storage.homes import ASSET, OVERLAY, REQUEST, SHAPES, SHARED, is_built
 from rhytid.storage.manifest import StoredFile, read_manifest, read_verified
@@ -192,7 +192,7 @@ class UnpackedAsset:
             # Places in the snapshot, not on this machine, are what errors name.
             asset = StoredAsset.read(files, Path(ASSET))
             settings = read_overlay(f"{ASSET} {id}", overlay, Path(OVERLAY))
-            _check(asset)
+            _check(asset, settings)
             if has_shapes:
                 _check_shapes(read_shapes(shapes, Path(SHAPES)), asset)
         except (StorageError, SnapshotError) as exc:
@@ -200,10 +200,16 @@ class UnpackedAsset:
         return cls(index, asset, settings, place, has_shapes)
 
 
-def _check(asset: StoredAsset) -> None:
-    """Raise SnapshotError where the parts do not fit each other."""
-    if not mesh_udims(asset.mesh):
+def _check(asset: StoredAsset, settings: AssetSettings) -> None:
+    """Raise SnapshotError where the parts do not fit each other, or the present settings."""
+    udims = mesh_udims(asset.mesh)
+    if not udims:
         raise SnapshotError("no triangle of the mesh lies in a UDIM")
+    if asset.residual is not None:
+        try:
+            asset.residual.check(udims, settings.resolution)
+        except InputError as exc:
+            raise SnapshotError(str(exc)) from exc
     triangles = len(asset.mesh.faces)
     for name in ("node_triangle", "edge_triangle"):
         index = getattr(asset.graph, name)
