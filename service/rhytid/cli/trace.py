@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -237,9 +237,15 @@ def _residual(device: Device, scan: _Scan, udim: int, residual: NDArray[np.float
 
 
 def _for_bake(scan: _Scan) -> dict[str, Any]:
-    """The settings with which `bake` draws the graph: grain and undulation are in the residual."""
-    shape = {**scan.given.get("shape", {}), "grain": 0.0, "undulation": 0.0}
-    return {**scan.given, "shape": shape}
+    """The settings with which `bake` draws the graph: grain and undulation are in the residual,
+    and lines bend and change along their way, whatever the preset says."""
+    from rhytid.tracing.trace import traced_settings
+
+    shape = scan.settings.shape
+    drawn = asdict(traced_settings(scan.settings).shape)
+    other = {name: value for name, value in drawn.items() if value != getattr(shape, name)}
+    no_more = {"grain": 0.0, "undulation": 0.0}
+    return {**scan.given, "shape": {**scan.given.get("shape", {}), **no_more, **other}}
 
 
 def _draw(file: Path, scan: _Scan, found: _Found) -> None:

@@ -28,7 +28,7 @@ from rhytid.tracing.elements import (
     changed_pores,
     graph_arrays,
 )
-from rhytid.tracing.measure import BROAD, mean_around, rms
+from rhytid.tracing.measure import BROAD, NARROW, mean_around, rms
 from rhytid.tracing.ridges import Floats
 
 STEPS = 10
@@ -72,6 +72,8 @@ def fitted(
     scan (R, R): relief, mesh units.  inside (R, R): where there is skin.  settings: resolved,
     without grain and undulation.
     """
+    if settings.shape.cushion > 0.0:
+        lines, pores = _scaled(device, lines, pores, scan, inside, settings)
     best, left = (lines, pores), []
     for step in range(steps + 1):
         progress(step / (steps + 1), "fit")
@@ -126,6 +128,28 @@ def _even_scales(device: Device, elements: UdimElements) -> ScaleBuffers:
     """Scales of the neutral: 1."""
     counts = ((4 if elements.bent else 2) * elements.wrinkles, 2 * elements.pores)
     return ScaleBuffers(*(device.full(max(count, 1), np.float32(1.0)) for count in counts))
+
+
+def _scaled(
+    device: Device,
+    lines: TracedLines,
+    pores: TracedPores,
+    scan: NDArray[np.float32],
+    inside: NDArray[np.bool_],
+    settings: AssetSettings,
+) -> tuple[TracedLines, TracedPores]:
+    """Lines and pores whose weights are all times one number, by which they are nearest to the scan
+    in its narrow part: lines that were found there answer less than their broad layers would."""
+    drawn = drawn_neutral(device, neutral_graph(lines, pores, settings), settings, 1001)
+    wanted, found = (
+        np.where(inside, map - mean_around(map, NARROW), np.float32(0.0)) for map in (scan, drawn)
+    )
+    square = float(np.vdot(found, found))
+    gain = float(np.vdot(wanted, found)) / square if square > 0.0 else 1.0
+    return (
+        changed(lines, gain * lines.weight, lines.half_width),
+        changed_pores(pores, gain * pores.weight, pores.size),
+    )
 
 
 def _maps(

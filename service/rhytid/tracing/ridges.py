@@ -20,7 +20,10 @@ from rhytid.synthesis.workspace import Workspace
 
 Floats = NDArray[np.float64]
 # Standard deviations of the Gaussians, texels: of lines, and further ones of pits alone.
-LINE_SCALES = (0.8, 1.1, 1.6, 2.2)
+LINE_SCALES: tuple[float, ...] = (0.8, 1.1, 1.6, 2.2)
+# Of lines that have a broad layer, whose curvature would tell of that at the other scales:
+# neighbours would be one line, and a faint one on the slope of a deep one none.
+NARROW_SCALES: tuple[float, ...] = (0.8, 1.1)
 SCALES = (*LINE_SCALES, 3.1, 4.4)
 # Of these a Gaussian is followed so far.
 _TRUNCATED = 5.0
@@ -90,11 +93,12 @@ class Pits:
 class Limits:
     """What counts. faint: the least curvature times the square of its scale, relief units, that is
     no line, beside `noise`, the standard deviation of noise from texel to texel.  round_from: the
-    least ratio of the curvatures of a pit."""
+    least ratio of the curvatures of a pit.  line_scales: of SCALES, those of lines."""
 
     faint: float
     noise: float = 0.0
     round_from: float = 0.2
+    line_scales: tuple[float, ...] = LINE_SCALES
 
     def at(self, scale: Floats) -> Floats:
         """The least curvature at a scale, relief per texel squared. Curvature of white noise after
@@ -123,7 +127,8 @@ def find_ridges(
     for done, (top, left, height, width) in enumerate(tiles):
         progress(done / len(tiles), "lines")
         if inside[top : top + height, left : left + width].any():
-            lines, pits = _answers(work, _padded(relief, top, left, height, width), height, width)
+            padded = _padded(relief, top, left, height, width)
+            lines, pits = _answers(work, padded, height, width, limits.line_scales)
             skin = _padded(inside, top, left, height, width)[APRON:-APRON, APRON:-APRON]
             corner = top, left
             found.append((_valleys(lines, skin, limits, corner), _pits(pits, skin, limits, corner)))
@@ -150,7 +155,11 @@ def _padded(array: NDArray[Any], top: int, left: int, height: int, width: int) -
 
 
 def _answers(
-    work: Workspace, padded: NDArray[np.float32], height: int, width: int
+    work: Workspace,
+    padded: NDArray[np.float32],
+    height: int,
+    width: int,
+    line_scales: tuple[float, ...],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(height + 2, width + 2, 4) each: `lines` and `pits` of ridges.cl, of a tile and around it."""
     rows, columns = height + 2 * _AROUND, width + 2 * _AROUND
@@ -165,7 +174,7 @@ def _answers(
                 "ridges", "rows_of_relief", padded.shape[0] * columns,
                 relief, padded.shape[1], columns, APRON, radius, weights, planes,
             )  # fmt: skip
-            share = scale**LINE_POWER if scale in LINE_SCALES else 0.0
+            share = scale**LINE_POWER if scale in line_scales else 0.0
             nested.run(
                 "ridges", "ridges_at_scale", rows * columns,
                 planes, padded.shape[0], columns, APRON, radius, weights, float(scale),

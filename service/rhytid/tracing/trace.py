@@ -40,7 +40,15 @@ from rhytid.tracing.elements import (
     pores_of,
 )
 from rhytid.tracing.fit import STEPS, drawn_neutral, fitted
-from rhytid.tracing.ridges import TILE, Limits, find_ridges, noise_of
+from rhytid.tracing.measure import NARROW, mean_around
+from rhytid.tracing.ridges import (
+    LINE_SCALES,
+    NARROW_SCALES,
+    TILE,
+    Limits,
+    find_ridges,
+    noise_of,
+)
 
 Relief = NDArray[np.float32]
 # The least curvature of a line times the square of its scale, in depths.
@@ -128,8 +136,13 @@ def trace(
 
 
 def traced_settings(settings: AssetSettings) -> AssetSettings:
-    """The settings with which a traced graph is drawn: these, without grain and undulation."""
-    return replace(settings, shape=replace(settings.shape, grain=0.0, undulation=0.0))
+    """The settings with which a traced graph is drawn: these, without grain and undulation, and
+    where lines would be straight and even (`curvature` and `taper` of 0, as in the preset `paper`)
+    with those that the scan has."""
+    shape = settings.shape
+    curvature, taper = shape.curvature or 1.0, shape.taper or 1.0
+    shape = replace(shape, grain=0.0, undulation=0.0, curvature=curvature, taper=taper)
+    return replace(settings, shape=shape)
 
 
 def charted(device: Device, mesh: Mesh, udim: int, settings: AssetSettings) -> NDArray[np.bool_]:
@@ -173,8 +186,10 @@ def _traced(
     assert settings.depth is not None
     depth = settings.depth
     noise = max(noise_of(relief, inside), how.noise)
-    limits = Limits(_FAINTEST * depth, noise)
-    whole = _filled(relief, inside)
+    whole, scales = _filled(relief, inside), LINE_SCALES
+    if settings.shape.cushion > 0.0:
+        whole, scales = whole - mean_around(whole, NARROW), NARROW_SCALES
+    limits = Limits(_FAINTEST * depth, noise, line_scales=scales)
     searching = part(progress, 0.0, 0.3)
     points, pits = find_ridges(work, whole, inside, limits, how.tile, searching)
     links = joined(points, linked(points, relief.shape), _GAP)
