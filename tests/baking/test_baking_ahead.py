@@ -28,7 +28,9 @@ from rhytid.formats.exr import read_exr
 FRAMES = [0.25, 0.5, 0.75, 1.0, 1.25]
 UDIMS = (1001, 1002)
 # What shows nothing that another frame with the same positions would not.
-ONCE = [name for name, one in PROFILES.items() if one.drawn and name != "cavity"]
+# Here the engine draws no slopes.
+_NOT = ("cavity", "slopes", "roughness", "anisotropy")
+ONCE = [name for name, one in PROFILES.items() if one.drawn and name not in _NOT]
 PATIENCE = 20.0
 
 
