@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tempfile
 import threading
 import tracemalloc
@@ -9,12 +10,14 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.engines import new_asset
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.residual import Residual, ScanRelief
 from rhytid.engine.assets.upload import CheckedUpload, content_id
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.messages import AssetInfo, JobInfo
@@ -303,6 +306,17 @@ def test_an_upload_has_its_id_before_it_is_checked() -> None:
     assert content_id(grown) == CheckedUpload.of(grown, GIB, limit).id
     assert supervisors._content(grown)[0] == content_id(grown)
     assert content_id(given) != content_id(grown)
+
+
+def test_scanned_skin_is_placed_by_its_residual_too() -> None:
+    given = new_asset(seed=5)
+    maps = {1001: np.ones((256, 256), np.float32)}
+    plain = supervisors._content(given)[1]
+    with_residual = dataclasses.replace(given, residual=Residual.of(maps))
+    assert supervisors._content(with_residual)[1] == plain + 2 * 256**2
+    traced = [dataclasses.replace(given, graph=None, scan=s) for s in (ScanRelief(maps), None)]
+    one, other = (supervisors._content(new)[1] for new in traced)
+    assert one == other + 2 * 256**2
 
 
 def test_a_build_whose_process_ended_before_anyone_asked_goes_on() -> None:

@@ -80,7 +80,6 @@ def reference(schema: str, description: str = "") -> dict[str, Any]:
     return {**place, "description": description} if description else place
 
 
-# Components that are made of the declarations of the settings.
 def _upload_settings() -> dict[str, Any]:
     """The schema of what an upload may set: settings of the asset, and how a scan is read."""
     number = {"type": "number"}
@@ -111,6 +110,7 @@ def _upload_settings() -> dict[str, Any]:
     return {"type": "object", "additionalProperties": False, "properties": {**own, "scan": scan}}
 
 
+# Components that are made of the declarations of the settings.
 SETTINGS = {
     "AssetSettings": {
         **settings_schema(AssetSettings()),

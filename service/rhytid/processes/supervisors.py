@@ -29,6 +29,8 @@ Prepare = Callable[[DeviceProcess], None]
 OnEnd = Callable[[DeviceProcess, Callable[[str], bool]], None]
 # Bytes that a wrinkle takes on the device, about; how many there are, about, where no setting says.
 _WRINKLE, _WRINKLES = 64, 300_000
+# Bytes that a texel of a residual takes there.
+_CODE = 2
 
 
 class Supervisors:
@@ -215,6 +217,9 @@ def _content(content: NewAsset | OpenFile) -> tuple[str, int]:
     own = sum(array.nbytes for array in (mesh.positions, mesh.faces, mesh.uv, mesh.face_uv))
     if content.graph is not None:
         wrinkles = content.graph.wrinkles
+    residual, scan = content.residual, content.scan
+    scanned = residual.codes if residual is not None else {} if scan is None else scan.maps
+    own += sum(_CODE * map.size for map in scanned.values())
     return content_id(content), own + _WRINKLE * wrinkles
 
 

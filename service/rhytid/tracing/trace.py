@@ -1,7 +1,7 @@
 """Traces scans: from the relief of each UDIM to a wrinkle graph, and the residual that it does not
 draw.
 
-    displacement(frame) = drawn(graph, frame) + residual · gain(frame)
+    displacement(frame) = drawn(graph, frame) + residual
 
 At rest this is the scan, since the residual is the scan less the neutral of the graph.
 """
