@@ -14,6 +14,7 @@ from meshes import deform
 from pipeline.scenes import sheet
 from reference import slopes as reference
 from rhytid.domain.tiles import MapAddress, TileAddress
+from rhytid.engine.device_assets.slopes import DeviceSlopes
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import SLOPES, MapQuery
 from rhytid.engine.tiles.maps import MapDrawing
@@ -106,6 +107,19 @@ def test_one_whole_level_0_is_in_memory_at_a_time(made, monkeypatch):
     with ThreadPoolExecutor() as threads:
         list(threads.map(lambda plan: plan.draw(), plans))
     assert (len(most), max(most)) == (3, 1)
+
+
+def test_a_chart_is_made_once_for_all_who_ask(engine, monkeypatch):
+    asset = built(engine, new_asset())
+    codes, made = DeviceSlopes.codes, []
+    monkeypatch.setattr(
+        DeviceSlopes, "codes", lambda *given: made.append(1) or time.sleep(0.1) or codes(*given)
+    )
+    places = [TileAddress(1001, 0, 0, column) for column in range(4)]
+    plans = [engine.tiles.plan(asset, "neutral", slopes_of(REDRAW), place) for place in places]
+    with ThreadPoolExecutor() as threads:
+        list(threads.map(lambda plan: plan.draw(), plans))
+    assert len(made) == 1
 
 
 def test_nothing_is_kept_of_settings_that_changed_meanwhile(engine, monkeypatch):

@@ -42,7 +42,7 @@ class SlopeDrawing:
 
     def __init__(self, on_device: DeviceAssets, maps: MapDrawing) -> None:
         self._on_device, self._maps = on_device, maps
-        self._whole = threading.Lock()
+        self._whole, self._charting = threading.Lock(), threading.Lock()
 
     def square(
         self, asset: Asset, frame: Frame, query: MapQuery, udim: int, level: int, square: Square
@@ -106,25 +106,13 @@ class SlopeDrawing:
         found: _Sums | None = self._on_device.use(asset, kept)
         if found is not None:
             return found
-        with self._alone():
+        with _alone(self._whole):
             if (found := self._on_device.use(asset, kept, patiently=True)) is not None:
                 return found
             whole = (0, 0, settings.resolution)
             heights = self._maps.shared(asset, frame, query, udim, 0, whole)
             terms = self._terms(asset, frame)
             return self._coarse(asset, settings, frame, query, udim, heights, terms, level, square)
-
-    @contextmanager
-    def _alone(self) -> Iterator[None]:
-        """Level 0 of a UDIM as a whole, up to 1 GiB, is in memory for one caller at a time; who
-        waits may find what it asks for afterwards. Raises CancelledError where the caller is
-        gone."""
-        while not self._whole.acquire(timeout=call_context.LOOK):
-            call_context.check_abandoned()
-        try:
-            yield
-        finally:
-            self._whole.release()
 
     def _coarse(
         self,
@@ -193,9 +181,12 @@ class SlopeDrawing:
         def has(resident: DeviceAsset) -> bool:
             return resident.slopes.has_chart(udim)
 
-        if self._on_device.use(asset, has, patiently=True):
-            return
+        if not self._on_device.use(asset, has, patiently=True):
+            with _alone(self._charting):
+                if not self._on_device.use(asset, has, patiently=True):
+                    self._make_chart(asset, udim)
 
+    def _make_chart(self, asset: Asset, udim: int) -> None:
         def read(resident: DeviceAsset) -> NDArray[np.int32]:
             return resident.mesh.texel_triangles(udim)
 
@@ -206,6 +197,18 @@ class SlopeDrawing:
             resident.slopes.take_chart(udim, triangles, codes)
 
         self._on_device.use(asset, take, patiently=True)
+
+
+@contextmanager
+def _alone(lock: threading.Lock) -> Iterator[None]:
+    """What takes the memory of a whole level 0, up to 1 GiB, is made by one caller at a time; who
+    waits may find it made afterwards. Raises CancelledError where the caller is gone."""
+    while not lock.acquire(timeout=call_context.LOOK):
+        call_context.check_abandoned()
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def _finest_piece(
