@@ -103,3 +103,15 @@ def test_level_0_has_no_roughness() -> None:
     with pytest.raises(QueryError, match="level 0"):
         profiles_of(["roughness"], how=Shine(0))
     assert profiles_of(["slopes", "normal-gl"], how=Shine(0))
+
+
+def test_files_are_baked_again_for_what_they_are_made_of_alone() -> None:
+    names = ["slopes", "normal-gl", "roughness", "anisotropy"]
+    one, rougher, coarser = (
+        [profile.key for profile in profiles_of(names, how=how)]
+        for how in (Shine(2, BASE), Shine(2, BASE + 0.1), Shine(3, BASE))
+    )
+    same = [a == b for a, b in zip(one, rougher, strict=True)]
+    kept = dict(zip((p.name for p in profiles_of(names)), same, strict=True))
+    assert kept == {"normal-gl": True, "slopes": True, "roughness": False, "anisotropy": False}
+    assert not set(one) & set(coarser)

@@ -78,13 +78,14 @@ class Profile:
             write, facts = shine.write_mean_normals, partial(shine.normal_facts, self.facts)
         elif not self.of_slopes:
             return self
-        if how.of_moments == 0 and self.name in ("roughness", "anisotropy"):
+        rough = self.name in ("roughness", "anisotropy")
+        if how.of_moments == 0 and rough:
             raise QueryError(
                 f"{self.name} of level 0: a texel there has one slope; choose level 1 or coarser"
             )
         return replace(
             self,
-            key=f"{self.key}-{how.of_moments}-{how.roughness!r}",
+            key=f"{self.key}-{how.of_moments}" + (f"-{how.roughness!r}" if rough else ""),
             write=partial(write, shine=how),
             facts=partial(facts, shine=how),
             texel_bytes=self.texel_bytes / 4**how.of_moments,
