@@ -126,7 +126,7 @@ def test_a_mistyped_choice_is_told_what_may_be_meant(
     [
         ("bake --wrinkels 3", "--wrinkels; did you mean --wrinkles?"),
         ("bake {} --out o --wrinkels=3", "--wrinkels; did you mean --wrinkles?"),
-        ("bake {} --out o --res 256", "--res; did you mean --resolution?"),
+        ("bake {} --out o --res 256", "--res; did you mean --residual or --resolution?"),
         ("bake {} --out o -resolution 256", "-resolution 256; did you mean --resolution?"),
         ("look maps --bnd /a", "--bnd; did you mean --bind?"),
         ("look maps --out x", "--out; rhytid look --help says more"),
@@ -180,8 +180,8 @@ def test_the_help_of_bake_has_its_options_in_groups(capsys: pytest.CaptureFixtur
     lines = capsys.readouterr().out.splitlines()
     heads = [line for line in lines if re.fullmatch("[a-z, ]+:", line)]
     assert heads == [
-        "options:", "input:", "skin:", "output:", "assets, devices and many machines:",
-        "what is reported:",
+        "options:", "input:", "skin:", "scanned displacement:", "output:",
+        "assets, devices and many machines:", "what is reported:",
     ]  # fmt: skip
     groups = subparsers()["bake"]._action_groups
     assert [len(group._group_actions) for group in groups[:2]] == [0, 3]

@@ -218,8 +218,9 @@ def test_factored_maps_stay_within_the_scale_of_the_asset(engine, merge):
 def test_the_scale_of_uneven_skin_is_twice_as_large(part):
     none = {"rank": 0.0, "patches": 0.0, "events": 0.0}
     even, uneven = (
-        displacement_scale(SimpleNamespace(settings=settings_of(graph={**none, part: amount})))
+        displacement_scale(SimpleNamespace(settings=settings, residual=None))
         for amount in (0.0, 1.0)
+        for settings in [settings_of(graph={**none, part: amount})]
     )
     assert uneven == pytest.approx(2.0 * even)
     assert even > 3.5 * DEPTH
