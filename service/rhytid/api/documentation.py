@@ -80,8 +80,8 @@ def reference(schema: str, description: str = "") -> dict[str, Any]:
     return {**place, "description": description} if description else place
 
 
-def _upload_settings() -> dict[str, Any]:
-    """The schema of what an upload may set: settings of the asset, and how a scan is read."""
+def _scan_schema() -> dict[str, Any]:
+    """The schema of how a scan is read: a setting that an upload may have, and no answer has."""
     number = {"type": "number"}
     scale = [number, {"type": "array", "items": number, "minItems": 1, "maxItems": 3}]
     how = {
@@ -98,27 +98,25 @@ def _upload_settings() -> dict[str, Any]:
         "flip": {"type": "string", "enum": list(FLIPS), "description": "turns the maps over"},
         "partial": {"type": "boolean", "description": "UDIMs of the mesh may have no map"},
     }
-    scan = {
+    return {
         "type": "object",
         "additionalProperties": False,
+        "writeOnly": True,
         "properties": how,
-        "description": "how part scan is read",
+        "description": "how part scan of an upload is read; in no answer",
     }
-    place, same = "#/components/schemas/AssetSettings/properties", "as in AssetSettings"
-    names = settings_schema(AssetSettings())["properties"]
-    own = {name: {"$ref": f"{place}/{name}", "description": same} for name in names}
-    return {"type": "object", "additionalProperties": False, "properties": {**own, "scan": scan}}
+
+
+def _asset_settings() -> dict[str, Any]:
+    schema = settings_schema(AssetSettings())
+    return {**schema, "properties": {**schema["properties"], "scan": _scan_schema()}}
 
 
 # Components that are made of the declarations of the settings.
 SETTINGS = {
     "AssetSettings": {
-        **settings_schema(AssetSettings()),
+        **_asset_settings(),
         "description": "Settings of an asset. All are optional; unknown ones are refused.",
-    },
-    "UploadSettings": {
-        **_upload_settings(),
-        "description": "Settings of a new asset, and how its scan is read. All are optional.",
     },
     "SettingsChange": {
         **settings_schema(AssetSettings(), CHANGEABLE),
@@ -168,7 +166,7 @@ ASSET_FORM = body(
                 "required": ["mesh"],
                 "properties": {
                     "mesh": {**BINARY, "description": "OBJ, PLY, glTF, GLB or .npz, by filename"},
-                    "settings": reference("UploadSettings", "JSON, all of it optional"),
+                    "settings": reference("AssetSettings", "JSON, all of it optional"),
                     "graph": {
                         **BINARY,
                         "description": "safetensors; absent = synthesise. Its metadata may hold "
