@@ -14,6 +14,7 @@ from PIL import Image
 
 from exr_images import exr
 from meshes import SmallMesh
+from pipeline.scenes import sheet
 from reference import tracing as reference
 from rhytid.cli import main
 from rhytid.domain.mesh import Mesh
@@ -218,6 +219,26 @@ def test_each_udim_has_a_residual_and_settings_are_handed_on(tmp_path: Path) -> 
     origin = read_graph((out / "graph.safetensors").read_bytes()).origin
     assert origin is not None
     assert (origin.depth, origin.unit, origin.spacing) == (0.02, "mm", 0.5)
+
+
+def test_lines_that_reach_into_a_udim_without_a_map_are_taken_away_there(tmp_path: Path) -> None:
+    mesh, out, maps = tmp_path / "sheet.npz", tmp_path / "out", tmp_path / "maps"
+    wide = sheet(udims=2)
+    np.savez(
+        mesh, positions=wide.positions, faces=wide.faces, uv=wide.uv, face_uv=wide.face_uv,
+        frames=wide.positions[None],
+    )  # fmt: skip
+    waves = 0.01 * np.sin(np.arange(SIDE) / 3.0)[:, None] * np.ones((1, SIDE))
+    scan = tmp_path / "d.1001.exr"
+    scan.write_bytes(exr(waves.astype(np.float32)))
+    assert trace(mesh, scan, "--partial", "--out", out) == 0
+    assert (out / "residual.1002.exr").is_file()
+    files = "--graph", out / "graph.safetensors", "--residual", out / "residual.<UDIM>.exr"
+    settings = "--settings", out / "settings.json"
+    baked = ["bake", mesh, "--out", maps, "--method", "neutral", *files, *settings]
+    assert main([*map(str, baked)]) == 0
+    [smooth] = maps.glob("*.1002.*.exr")
+    assert np.abs(read_exr(smooth)[0]).max() < 1e-6
 
 
 def two_squares(file: Path) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,13 +33,13 @@ from rhytid.cli.scan_options import (
 from rhytid.cli.skin_options import add_settings, given_settings
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import unit_after_number, usual_spacing
-from rhytid.errors import InputError
 from rhytid.support.console import make_folder, report, share_bar, table, working
 
 if TYPE_CHECKING:
     from rhytid.baking.run_warnings import RunWarnings
     from rhytid.device.runtime import Device
     from rhytid.domain.mesh import Mesh
+    from rhytid.domain.residual import ScanRelief
     from rhytid.tracing.trace import Trace
 
 GRAPH, SETTINGS, PICTURE = "graph.safetensors", "settings.json", "trace.png"
@@ -50,7 +50,6 @@ units; {SETTINGS}, with which `bake` draws the graph; and {PICTURE}, a picture o
 rest. What `bake --graph {GRAPH} --residual residual.<UDIM>.exr --settings {SETTINGS}`
 draws at rest is the scan. Lines and pores that are not found do not move. `bake --scan` does all
 of it at once."""
-Reliefs = dict[int, NDArray[np.float32]]
 # Texels of a side that no more is taken of a scan than, unless it is asked for.
 _USUAL = AssetSettings().resolution
 
@@ -103,15 +102,12 @@ def run(arguments: argparse.Namespace) -> None:
 @dataclass(frozen=True, eq=False)
 class _Scan:
     """What is traced.  settings: not resolved, with unit and resolution.  given: as JSON, those
-    that `bake` needs.  spacing: of pores, mesh units.  noise: of rounding to codes, mesh units.
-    reliefs: (R, R) of each UDIM."""
+    that `bake` needs.  relief: of the scan, resampled."""
 
     mesh: Mesh
     settings: AssetSettings
     given: dict[str, Any]
-    spacing: float
-    noise: float
-    reliefs: Reliefs
+    relief: ScanRelief
 
 
 def _read(arguments: argparse.Namespace, warnings: RunWarnings) -> _Scan:
@@ -129,18 +125,19 @@ def _read(arguments: argparse.Namespace, warnings: RunWarnings) -> _Scan:
     check = checked_scan(arguments, arguments.maps, mesh, unit, warnings)
     given |= {"unit": unit, "resolution": asked or check.resolution()}
     settings = AssetSettings.parse(given)
-    spacing = settings.graph.spacing or usual_spacing(unit)
+    if settings.graph.spacing is None:
+        usual_spacing(unit)  # refuses a unit of no known length before a device opens
     warnings.inputs(mesh, arguments.mesh.name, unit, settings.resolution)
     warnings.refuse()
     with working("resampling the scan"):
         relief = check.relief(settings.resolution)
-    return _Scan(mesh, settings, given, spacing, relief.noise, dict(relief.maps))
+    return _Scan(mesh, settings, given, relief)
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What was traced.  settings: resolved, with which it is drawn.  inside: (R, R) of each UDIM,
-    where charts are.  udims: figures of each UDIM."""
+    """What was traced.  settings: of the scan.  inside: (R, R) of each UDIM of the scan, where
+    charts are.  udims: figures of each UDIM."""
 
     trace: Trace
     settings: AssetSettings
@@ -149,10 +146,12 @@ class _Found:
 
     def figures(self) -> dict[str, Any]:
         """For JSON; lengths in mesh units."""
+        origin = self.trace.graph.origin
+        assert origin is not None  # a traced graph says what it was made for
         return {
             "wrinkles": self.trace.graph.wrinkles,
             "pores": self.trace.graph.pores,
-            "depth": self.settings.depth,
+            "depth": origin.depth,
             "unit": self.settings.length_unit,
             "resolution": self.settings.resolution,
             "udims": self.udims,
@@ -160,23 +159,19 @@ class _Found:
 
 
 def _traced(device: Device, scan: _Scan) -> _Found:
-    """Trace the scan. The depth of a line of weight 1 is measured where settings do not say it."""
-    from rhytid.tracing.measure import depth_of, fine_part
-    from rhytid.tracing.trace import TraceSettings, charted, trace
+    """Trace the scan as the build of an asset does, and measure what was found."""
+    from rhytid.tracing.measure import fine_part
+    from rhytid.tracing.scan import traced_scan
+    from rhytid.tracing.trace import charted
 
-    with working("measuring the relief"):
-        inside = {u: charted(device, scan.mesh, u, scan.settings) for u in scan.reliefs}
-        fine = {u: fine_part(relief, inside[u]) for u, relief in scan.reliefs.items()}
-        deepest = max(depth_of(fine[u], inside[u]) for u in fine)
-    depth = scan.settings.depth or deepest
-    if depth == 0.0:
-        raise InputError("there are no lines in the scan: its charts have no fine relief")
-    settings = replace(scan.settings, depth=depth).resolved(scan.spacing)
-    how = TraceSettings(spacing=scan.spacing, noise=scan.noise)
     with share_bar("tracing") as show:
-        found = trace(device, scan.mesh, scan.reliefs, settings, how, show)
-    udims = [_figures(u, scan.reliefs[u], fine[u], inside[u], found) for u in sorted(fine)]
-    return _Found(found, settings, inside, udims)
+        found = traced_scan(device, scan.mesh, scan.relief, scan.settings, show)
+    with working("measuring the residual"):
+        maps = scan.relief.maps
+        inside = {u: charted(device, scan.mesh, u, scan.settings) for u in maps}
+        fine = {u: fine_part(relief, inside[u]) for u, relief in maps.items()}
+        udims = [_figures(u, maps[u], fine[u], inside[u], found) for u in sorted(fine)]
+    return _Found(found, scan.settings, inside, udims)
 
 
 def _figures(
@@ -254,7 +249,7 @@ def _draw(file: Path, scan: _Scan, found: _Found) -> None:
     from rhytid.pictures.traced import traced_picture
 
     udim = max(found.inside, key=lambda u: (int(found.inside[u].sum()), -u))
-    relief, residual = scan.reliefs[udim], found.trace.residual[udim]
+    relief, residual = scan.relief.maps[udim], found.trace.residual[udim]
     caption = f"UDIM {udim}. Above all of it, below a part where most lines are."
     texel = mean_uv_length(scan.mesh, udim) / scan.settings.resolution
     picture = traced_picture(relief, residual, found.inside[udim], texel, caption)
