@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from fastapi import Depends, FastAPI
 from fastapi.routing import APIRoute
+from starlette.datastructures import State
 from starlette.middleware.cors import CORSMiddleware
 
 from rhytid import __version__
@@ -91,39 +92,50 @@ def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:
         # traces beside it, with the query; older versions keep this among what they do not know.
         telemetry={"tracing": False, "metrics": False, "logs": False},
     )
-    app.state.engine = engine
-    app.state.settings = settings
-    app.state.access = Access(settings)
-    app.state.job_shares = JobShares(lambda job: engine.jobs.info(job))
-    app.state.slots = DeviceSlots(settings.queue)
-    # One for each connection, which draws one tile at a time: others leave them theirs.
-    app.state.live_slots = DeviceSlots(MOST_LIVE)
-    app.state.readiness = health.Readiness(lambda: engine.ready())
-    app.state.drain = Drain(settings.drain_seconds)
-    app.state.job_events = JobEvents(
-        lambda job: engine.jobs.info(job), lambda: app.state.drain.begun
-    )
-    app.state.decoder = Decoder()
-    app.state.large = LargeAnswers()
-    app.state.live_places = LivePlaces()
-    app.state.small = cache(lambda: small_budget(engine.memory))
-    app.state.encoded = cache(lambda: EncodedTiles(app.state.small()))
-    app.state.former_names = FormerNames()
-    app.state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")
-    app.state.metrics = Metrics(
-        engine,
-        {
-            "host": lambda: engine.memory,
-            "small": app.state.small,
-            "spool": lambda: app.state.spool,
-        },
-        app.state.drain,
-        app.state.live_places,
-    )
+    _place_parts(app.state, engine, settings)
     every = (route for router in ROUTERS for route in router.routes)
     app.state.routes = [route for route in every if isinstance(route, APIRoute)]
     for router in ROUTERS:
         app.include_router(router)
+    _add_layers(app, settings)
+    problems.install(app)
+    app.openapi = partial(describe, app)  # type: ignore[method-assign]
+    return app
+
+
+def _place_parts(state: State, engine: Engine, settings: ServiceSettings) -> None:
+    """What routes share, each made once per application."""
+    state.engine = engine
+    state.settings = settings
+    state.access = Access(settings)
+    state.job_shares = JobShares(lambda job: engine.jobs.info(job))
+    state.slots = DeviceSlots(settings.queue)
+    # One for each connection, which draws one tile at a time: others leave them theirs.
+    state.live_slots = DeviceSlots(MOST_LIVE)
+    state.readiness = health.Readiness(lambda: engine.ready())
+    state.drain = Drain(settings.drain_seconds)
+    state.job_events = JobEvents(lambda job: engine.jobs.info(job), lambda: state.drain.begun)
+    state.decoder = Decoder()
+    state.large = LargeAnswers()
+    state.live_places = LivePlaces()
+    state.small = cache(lambda: small_budget(engine.memory))
+    state.encoded = cache(lambda: EncodedTiles(state.small()))
+    state.former_names = FormerNames()
+    state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")
+    state.metrics = Metrics(
+        engine,
+        {
+            "host": lambda: engine.memory,
+            "small": state.small,
+            "spool": lambda: state.spool,
+        },
+        state.drain,
+        state.live_places,
+    )
+
+
+def _add_layers(app: FastAPI, settings: ServiceSettings) -> None:
+    """Each layer is around those that were added before it."""
     app.add_middleware(FormerFrames, names=app.state.former_names)
     if settings.origins:
         app.add_middleware(CORSMiddleware, allow_origins=settings.origins, **SHARED)
@@ -138,6 +150,3 @@ def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:
     )
     app.add_middleware(RequestIds)
     app.add_middleware(HoldUntilSent)
-    problems.install(app)
-    app.openapi = partial(describe, app)  # type: ignore[method-assign]
-    return app

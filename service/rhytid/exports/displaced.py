@@ -13,6 +13,7 @@ from rhytid.domain.mesh import Mesh, add_centre
 from rhytid.domain.tiles import udim_origin, udims_at
 from rhytid.errors import InputError, LimitError
 from rhytid.exports.meshes import FlatMesh, flat_mesh, welded
+from rhytid.exports.textures.tangents import unit
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -99,7 +100,7 @@ class Subdivided:
         normals = _normals(positions, self.mesh)[self.flat.source]
         if curved:
             return _curved(there, normals, self.edges)
-        return _spread(there, self.edges), _unit(_spread(normals, self.edges))
+        return _spread(there, self.edges), unit(_spread(normals, self.edges))
 
 
 def levels_for(mesh: Mesh, edge: float) -> int:
@@ -158,20 +159,14 @@ def _curved(
     al. 2001): its middle is off that of the edge by an eighth of how far each end sees the other
     above or below its tangent plane.
     """
-    normals = _unit(normals)
+    normals = unit(normals)
     for ends in edges:
         (a, b), (m, n) = np.moveaxis(places[ends], 1, 0), np.moveaxis(normals[ends], 1, 0)
         above = np.sum((b - a) * m, axis=1, keepdims=True) * m
         below = np.sum((b - a) * n, axis=1, keepdims=True) * n
         places = np.concatenate([places, 0.5 * (a + b) + 0.125 * (below - above)])
-        normals = np.concatenate([normals, _unit(m + n)])
+        normals = np.concatenate([normals, unit(m + n)])
     return places, normals
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    size = np.linalg.norm(vectors, axis=1, keepdims=True)
-    found: FloatArray = vectors / np.maximum(size, 1e-300)
-    return found
 
 
 def _welded(mesh: Mesh, flat: FlatMesh, edges: list[IntArray]) -> IntArray:
