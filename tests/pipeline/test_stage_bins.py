@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from meshes import deform
-from pipeline.binned import BinnedScene
+from pipeline.binned import BinnedScene, stored_maps
 from pipeline.scenes import DEPTH, random_graph, settings_of, sheet
 from reference import bins as reference
+from rhytid.device.launches import PIECE_SECONDS, DrawingPace
 from rhytid.pipeline.bin_maker import BinMaker
 from rhytid.pipeline.bins import directions, quantisation_steps, sample_stretches
 from rhytid.pipeline.blend import Blend
+from rhytid.pipeline.work import timed
 
 TILE = 64
 GRAPH = random_graph(21, 300)
@@ -120,6 +122,29 @@ def test_no_code_saturates_where_one_furrow_is_alone(device):
     assert np.abs(made.codes()).max() <= 127
     deepest = math.exp(0.45 * made.settings.response.alpha_d)
     assert quantisation_steps(made.settings)[0, 0] * 127 >= min(deepest, 4.0) * DEPTH
+
+
+def test_small_maps_share_a_step_and_large_ones_have_their_own(device, monkeypatch):
+    steps = []
+
+    def spy(device, pace, work, draw):
+        steps.append(work)
+        timed(device, pace, work, draw)
+
+    monkeypatch.setattr("rhytid.pipeline.bin_maker.timed", spy)
+    monkeypatch.setattr(DrawingPace, "took", lambda *_: None)
+    scene = BinnedScene(device, sheet(), GRAPH, settings_of())
+    elements = scene.elements(1001)
+    maker = BinMaker(device, elements, scene.located, scene.settings)
+    work, found = elements.work.of(64, 128, TILE), []
+    for share in (1000, 64, 16):
+        steps.clear()
+        elements.bins_pace.per_second = share * work / PIECE_SECONDS
+        made = stored_maps(device, maker.tile(64, 128, TILE), scene.settings.bins)
+        found.append((made, [round(step / work) for step in steps]))
+    count, shared = len(found[0][0]), [shared for _, shared in found]
+    assert shared == [[count], [4] * (count // 4) + [count % 4], [1] * count]
+    assert all(np.array_equal(made, found[0][0]) for made, _ in found)
 
 
 @pytest.mark.parametrize("count", [1, 2, 4, 5, 9])

@@ -6,7 +6,7 @@ There are maps of level 0 only: means of maps, blended, are flatter than the mea
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import count as counter
@@ -43,6 +43,9 @@ from rhytid.pipeline.redraw import launch_blocks
 from rhytid.pipeline.stiffness import stiffness_of_texels
 from rhytid.pipeline.vectors import VECTOR, VectorTriangles
 from rhytid.pipeline.work import BLOCK, Square, timed
+
+# Of the work that a step may have, what maps share that run in one step: about 3 ms.
+_STEP_SHARE = 1 / 16
 
 # Runs the kernel of a map over a square of level 0: (square, into).
 _Launch = Callable[..., None]
@@ -120,18 +123,25 @@ class BinMaker:
         bins, texels = self._settings.bins, square[2] ** 2
         codes = self._device.empty(map_count(bins) * texels, f"i{bins.bits // 8}")
         maps = (map_argument(index, map_count(bins)) for index in counter())
+        launches = []
         for layer, samples in enumerate(bins.layer_samples):
             for part, sample in product(parts(bins), range(samples)):
                 coded = (self._per_step[layer, sample], next(maps), codes)
-                self._timed(self._map(layer, part, sample), square, coded)
+                launches.append(partial(self._map(layer, part, sample), square, coded))
             if bins.tilt and layer < bins.count:
-                self._timed(self._tilt(layer), square, (next(maps), codes))
+                launches.append(partial(self._tilt(layer), square, (next(maps), codes)))
+        self._in_steps(launches, self._elements.work.of(*square))
         return codes
 
-    def _timed(self, launch: _Launch, square: Square, into: tuple[Any, ...]) -> None:
-        """Launch one map of a square and wait for it, as one step."""
-        pace, work = self._elements.bins_pace, self._elements.work.of(*square)
-        timed(self._device, pace, work, partial(launch, square, into))
+    def _in_steps(self, launches: Sequence[Callable[[], None]], work: float) -> None:
+        """Run launches of so much work each, and wait for them. Others use the device between
+        steps; a step costs a processor half a millisecond, and has several small launches."""
+        pace, done = self._elements.bins_pace, 0
+        while done < len(launches):
+            count = max(1, min(int(_STEP_SHARE * pace.most / max(work, 1.0)), len(launches) - done))
+            step = launches[done : done + count]
+            timed(self._device, pace, count * work, partial(_each, step))
+            done += count
 
     def _tile(self, square: Square, codes: Buffer) -> BinTile:
         """The tile of codes, with the triangles and the stiffness of its texels."""
@@ -211,6 +221,11 @@ class BinMaker:
             )  # fmt: skip
 
         return launch
+
+
+def _each(launches: Sequence[Callable[[], None]]) -> None:
+    for launch in launches:
+        launch()
 
 
 def _float2(x: float, y: float) -> NDArray[np.float32]:
