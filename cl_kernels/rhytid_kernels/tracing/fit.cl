@@ -10,23 +10,48 @@ inline void add_to(float2 *sums, float change, float left)
     *sums += (float2)(change * left, change * change);
 }
 
-// How much of a change shows under deeper heights: own, met (of all) below 0 are depths.
-inline float shown(float own, float met)
+// How much of a change shows under deeper heights: own and met, of all, are depths.
+inline float8 shown(float8 own, float8 met)
 {
     return exp(SHARPNESS * min(own - met, 0.0f));
+}
+
+#define LANES 8 // texels of a row that are summed at once: most wrinkles are broader than four
+
+typedef struct {
+    float8 left, square;
+} sums_t;
+
+inline void add_lanes(sums_t *sums, float8 change, float8 left)
+{
+    sums->left += change * left;
+    sums->square += change * change;
+}
+
+inline float all_lanes(float8 v)
+{
+    float4 half_of = v.lo + v.hi;
+    return half_of.x + half_of.y + half_of.z + half_of.w;
+}
+
+// J r and J J of two unknowns.
+inline float4 totals(sums_t one, sums_t two)
+{
+    return (float4)(all_lanes(one.left), all_lanes(one.square), all_lanes(two.left), all_lanes(two.square));
 }
 
 // shape: (bulge, least half width, share of the broad layer, how many times as wide it is).
 // fades_at: weight up to which there is no broad layer; from twice as much on it is there in full.
 // segments: start and extent.  sizes: half widths, then weights at both ends.  slopes: of arcs, to the left of the
-// extent with y up.  left, met: of each texel of `side` columns, what the scan is above the drawing, and how
-// deep the narrow valleys of that are.  found: J r and J J of the weight at the start and at the end,
-// then of the logarithms of both half widths. Relative error below 1e-4 of the sums of magnitudes.
+// extent with y up.  left, met: of each texel of `side` columns and a row more, what the scan is above the
+// drawing, and how deep the narrow valleys of that are.  found: J r and J J of the weight at the start and at
+// the end, then of the logarithms of both half widths. Relative error below 1e-4 of the sums of magnitudes.
 __kernel void fit_wrinkles(int first, int count, __global const float4 *segments,
                            __global const float4 *sizes, __global const float2 *slopes,
                            float4 shape, float fades_at, __global const float *left, __global const float *met,
                            int side, __global float8 *found)
 {
+    const float8 lane = {0.0f, 1.0f, 2.0f, 3.0f, 4.0f, 5.0f, 6.0f, 7.0f};
     int i = first + get_global_id(0);
     if (i >= count)
         return;
@@ -34,40 +59,51 @@ __kernel void fit_wrinkles(int first, int count, __global const float4 *segments
     float4 size = sizes[i];
     float square = dot(e, e), length = sqrt(square), broad = shape.z;
     float fade = broad > 0.0f ? clamp(0.5f * (size.z + size.w) / fades_at - 1.0f, 0.0f, 1.0f) : 0.0f;
-    float reach = max(max(size.x, size.y), shape.y) * (fade > 0.0f ? shape.w : 1.0f) +
+    float wider = fade > 0.0f ? shape.w : 1.0f;
+    float reach = max(max(size.x, size.y), shape.y) * wider +
                   0.15f * length * max(fabs(slope.x), fabs(slope.y));
     float2 stop = start + e, low = min(start, stop) - reach, high = max(start, stop) + reach;
     int x0 = max((int)ceil(low.x), 0), x1 = min((int)floor(high.x), side - 1);
     int y0 = max((int)ceil(low.y), 0), y1 = min((int)floor(high.y), side - 1);
-    float2 sums[4] = {(float2)(0.0f), (float2)(0.0f), (float2)(0.0f), (float2)(0.0f)};
+    sums_t start_weight = {(float8)(0.0f), (float8)(0.0f)}, end_weight = start_weight;
+    sums_t start_width = start_weight, end_width = start_weight;
     for (int y = y0; y <= y1; y++)
-        for (int x = x0; x <= x1; x++) {
-            float2 d = (float2)(x, y) - start;
-            float along = dot(d, e) / square, s = clamp(along, 0.0f, 1.0f);
-            float arc = length * s * (1.0f - s) * (slope.x * (1.0f - s) - slope.y * s);
-            float aside = (e.y * d.x - e.x * d.y) / length - arc, beyond = (along - s) * length;
-            float width = mix(size.x, size.y, s), drawn = max(width, shape.y), thin = width / drawn;
-            float weight = mix(size.z, size.w, s), away = aside * aside + beyond * beyond;
-            float t2 = min(away / (drawn * drawn), 1.0f), inside = 1.0f - t2;
-            float profile = inside * inside * (1.0f - shape.x * t2) * thin;
-            float steep = -inside * (2.0f * (1.0f - shape.x * t2) + shape.x * inside) * thin;
-            float share = (1.0f - broad) * shown((1.0f - broad) * weight * fabs(profile), met[y * side + x]);
+        for (int x = x0; x <= x1; x += LANES) {
+            float8 dx = lane + (x - start.x);
+            float dy = y - start.y;
+            float8 along = (dx * e.x + dy * e.y) / square, s = clamp(along, 0.0f, 1.0f), near = 1.0f - s;
+            float8 arc = length * s * near * (slope.x * near - slope.y * s);
+            float8 aside = (e.y * dx - e.x * dy) / length - arc, beyond = (along - s) * length;
+            float8 away = aside * aside + beyond * beyond;
+            float8 width = size.x * near + size.y * s, drawn = max(width, shape.y);
+            float8 t2 = away / (drawn * drawn);
+            int8 here = (t2 < wider * wider) & (lane <= (float)(x1 - x));
+            if (!any(here))
+                continue;
+            float8 r = vload8(0, left + y * side + x), thin = width / drawn;
+            float8 weight = size.z * near + size.w * s, inside = max(1.0f - t2, 0.0f);
+            t2 = min(t2, 1.0f);
+            float8 profile = inside * inside * (1.0f - shape.x * t2) * thin;
+            float8 steep = -inside * (2.0f * (1.0f - shape.x * t2) + shape.x * inside) * thin;
+            float8 own = (1.0f - broad) * weight * fabs(profile);
+            float8 share = (1.0f - broad) * shown(own, vload8(0, met + y * side + x));
             // Below the least half width a line is drawn shallower, not narrower.
-            bool held = width < shape.y;
-            float by_weight = share * profile;
-            float by_width = share * weight * (held ? profile : -2.0f * t2 * steep);
+            int8 held = width < shape.y;
+            float8 by_weight = share * profile;
+            float8 by_width = share * weight * select(-2.0f * t2 * steep, profile, held);
             if (fade > 0.0f) {
-                float b2 = min(away / (drawn * drawn * shape.w * shape.w), 1.0f), in = 1.0f - b2;
+                float8 b2 = min(away / (drawn * drawn * shape.w * shape.w), 1.0f), in = 1.0f - b2;
                 by_weight += broad * fade * in * in;
-                by_width += held ? 0.0f : 4.0f * broad * fade * weight * b2 * in;
+                by_width += select(4.0f * broad * fade * weight * b2 * in, (float8)(0.0f), held);
             }
-            float r = left[y * side + x], near = 1.0f - s;
-            add_to(&sums[0], -by_weight * near, r);
-            add_to(&sums[1], -by_weight * s, r);
-            add_to(&sums[2], -by_width * near * size.x / width, r);
-            add_to(&sums[3], -by_width * s * size.y / width, r);
+            by_weight = select((float8)(0.0f), by_weight, here);
+            by_width = select((float8)(0.0f), by_width / width, here);
+            add_lanes(&start_weight, -by_weight * near, r);
+            add_lanes(&end_weight, -by_weight * s, r);
+            add_lanes(&start_width, -by_width * near * size.x, r);
+            add_lanes(&end_width, -by_width * s * size.y, r);
         }
-    found[i] = (float8)(sums[0], sums[1], sums[2], sums[3]);
+    found[i] = (float8)(totals(start_weight, end_weight), totals(start_width, end_width));
 }
 
 // Of pores without a bulge. centres: texels.  roots: (xx, xy, yy, weight) with y up, as redraw.cl has them.
@@ -91,7 +127,7 @@ __kernel void fit_pores(int first, int count, __global const float2 *centres,
             float dx = x - centre.x, dy = centre.y - y;
             float gx = root.x * dx + root.y * dy, gy = root.z * dy;
             float t2 = min(gx * gx + gy * gy, 1.0f), profile = (1.0f - t2) * (1.0f - t2);
-            float share = shown(root.w * profile, met[y * side + x]);
+            float share = exp(SHARPNESS * min(root.w * profile - met[y * side + x], 0.0f));
             float r = left[y * side + x];
             add_to(&by_weight, -share * profile, r);
             add_to(&by_size, -4.0f * share * root.w * t2 * (1.0f - t2), r);

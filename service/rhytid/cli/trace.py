@@ -136,12 +136,10 @@ def _read(arguments: argparse.Namespace, warnings: RunWarnings) -> _Scan:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What was traced.  settings: of the scan.  inside: (R, R) of each UDIM of the scan, where
-    charts are.  udims: figures of each UDIM."""
+    """What was traced.  settings: of the scan.  udims: figures of each UDIM."""
 
     trace: Trace
     settings: AssetSettings
-    inside: dict[int, NDArray[np.bool_]]
     udims: list[dict[str, float]]
 
     def figures(self) -> dict[str, Any]:
@@ -162,16 +160,15 @@ def _traced(device: Device, scan: _Scan) -> _Found:
     """Trace the scan as the build of an asset does, and measure what was found."""
     from rhytid.tracing.measure import fine_part
     from rhytid.tracing.scan import traced_scan
-    from rhytid.tracing.trace import charted
 
     with share_bar("tracing") as show:
         found = traced_scan(device, scan.mesh, scan.relief, scan.settings, show)
     with working("measuring the residual"):
         maps = scan.relief.maps
-        inside = {u: charted(device, scan.mesh, u, scan.settings) for u in maps}
+        inside = found.charts
         fine = {u: fine_part(relief, inside[u]) for u, relief in maps.items()}
         udims = [_figures(u, maps[u], fine[u], inside[u], found) for u in sorted(fine)]
-    return _Found(found, scan.settings, inside, udims)
+    return _Found(found, scan.settings, udims)
 
 
 def _figures(
@@ -248,11 +245,12 @@ def _draw(file: Path, scan: _Scan, found: _Found) -> None:
     from rhytid.domain.uv_layout import mean_uv_length
     from rhytid.pictures.traced import traced_picture
 
-    udim = max(found.inside, key=lambda u: (int(found.inside[u].sum()), -u))
+    charts = found.trace.charts
+    udim = max(charts, key=lambda u: (int(charts[u].sum()), -u))
     relief, residual = scan.relief.maps[udim], found.trace.residual[udim]
     caption = f"UDIM {udim}. Above all of it, below a part where most lines are."
     texel = mean_uv_length(scan.mesh, udim) / scan.settings.resolution
-    picture = traced_picture(relief, residual, found.inside[udim], texel, caption)
+    picture = traced_picture(relief, residual, charts[udim], texel, caption)
     picture.save(file, format="png")
 
 

@@ -135,28 +135,54 @@ def _sizes(links: Links) -> NDArray[np.int64]:
 def chains_of(links: Links) -> list[NDArray[np.int64]]:
     """The chains of two points or more, each in order, from its end with the lower number; of rings
     from the lowest number on."""
+    count = (links >= 0).sum(axis=1)
+    open_ = _from_ends(links, np.flatnonzero(count == 1))
     seen = np.zeros(len(links), np.bool_)
-    ends, rings = (np.flatnonzero((links >= 0).sum(axis=1) == count) for count in (1, 2))
-    ahead = links.tolist()
-    found = []
-    for number, start in enumerate([*ends.tolist(), *rings.tolist()]):
-        if number % 4096 == 0:
-            cancellation.check()
+    seen[np.concatenate([np.zeros(0, np.int64), *open_])] = True
+    return open_ + _rings(links, np.flatnonzero(~seen & (count == 2)))
+
+
+def _from_ends(links: Links, ends: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """The chains from ends. All are walked together, from both ends; the walk from the lower one is
+    kept."""
+    walk, here, before = np.arange(len(ends)), ends, np.full(len(ends), NONE)
+    walks, places, last = [walk], [here], ends.copy()
+    while len(here):
+        cancellation.check()
+        one, two = links[here].T
+        after = np.where((one != before) & (one != NONE), one, two)
+        on = (after != before) & (after != NONE)
+        walk, here, before = walk[on], after[on], here[on]
+        last[walk] = here
+        walks.append(walk)
+        places.append(here)
+    of, place = np.concatenate(walks), np.concatenate(places)
+    kept = (ends < last)[of]
+    of, place = of[kept], place[kept]
+    order = np.argsort(of, kind="stable")
+    of, place = of[order], place[order]
+    return np.split(place, np.flatnonzero(np.diff(of)) + 1) if len(of) else []
+
+
+def _rings(links: Links, points: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """The rings that some points, all of no other chain, are in."""
+    number = np.searchsorted(points, links[points]).tolist()
+    seen, found = np.zeros(len(points), np.bool_), []
+    for start in range(len(points)):
         if not seen[start]:
-            chain = _walk(ahead, start)
-            seen[chain] = True
-            if len(chain) > 1:
-                found.append(np.array(chain, np.int64))
+            ring = _ring(number, start)
+            seen[ring] = True
+            found.append(points[ring])
     return found
 
 
-def _walk(links: list[list[int]], start: int) -> list[int]:
-    """The points from an end on, or once around a ring."""
-    chain, before, here = [start], NONE, start
+def _ring(links: list[list[int]], start: int) -> list[int]:
+    """The points once around a ring."""
+    ring, before, here = [start], NONE, start
     while True:
         one, two = links[here]
-        after = one if one not in (before, NONE) else two
-        if after in (before, NONE, start):
-            return chain
-        chain.append(after)
+        after = one if one != before else two
+        if after == start:
+            return ring
+        ring.append(after)
         before, here = here, after

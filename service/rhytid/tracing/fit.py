@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.buffer import Buffer
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import CUSHION_THRESHOLD, AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
 from rhytid.pipeline.levels import Draw, render_to_host
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing
+from rhytid.pipeline.vectors import VECTOR
 from rhytid.support import cancellation
 from rhytid.synthesis.progress import Progress, silent
 from rhytid.synthesis.workspace import Workspace
@@ -28,7 +30,7 @@ from rhytid.tracing.elements import (
     changed_pores,
     graph_arrays,
 )
-from rhytid.tracing.measure import BROAD, NARROW, mean_around, rms
+from rhytid.tracing.measure import BROAD, NARROW, mean_around, rms_of_some, taps_of_mean
 from rhytid.tracing.ridges import Floats
 
 STEPS = 10
@@ -67,25 +69,26 @@ def fitted(
     steps: int = STEPS,
     progress: Progress = silent,
 ) -> Fitted:
-    """Lines and pores after some steps; the last before what is left grew.
+    """Lines and pores after `steps` steps, or the last before what is left grew.
 
     scan (R, R): relief, mesh units.  inside (R, R): where there is skin.  settings: resolved,
     without grain and undulation.
     """
     if settings.shape.cushion > 0.0:
         lines, pores = _scaled(device, lines, pores, scan, inside, settings)
-    best, left = (lines, pores), []
+    best, left, texels = (lines, pores), [], int(np.count_nonzero(inside))
     for step in range(steps + 1):
         progress(step / (steps + 1), "fit")
         drawn = drawn_neutral(device, neutral_graph(lines, pores, settings), settings, 1001)
-        apart = np.where(inside, scan - drawn, np.float32(0.0))
-        left.append(rms(apart, inside))
-        if left[-1] <= min(left):
-            best = lines, pores
+        apart = scan - drawn
+        apart *= inside
+        left.append(rms_of_some(apart, texels))
+        if left[-1] > min(left):
+            break
+        best = lines, pores
         if step == steps:
             break
-        maps = _maps(apart, drawn, settings)
-        lines, pores = _stepped(work, lines, pores, maps, settings)
+        lines, pores = _stepped(work, lines, pores, (apart, drawn), settings)
     return Fitted(best[0].without_faint(_LEAST), best[1].without_faint(_LEAST), left)
 
 
@@ -152,17 +155,6 @@ def _scaled(
     )
 
 
-def _maps(
-    apart: NDArray[np.float32], drawn: NDArray[np.float32], settings: AssetSettings
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """What is left without its broad part, and how deep narrow valleys are drawn, in depths."""
-    assert settings.depth is not None
-    per_depth = np.float32(1.0 / settings.depth)
-    left = (apart - mean_around(apart, BROAD)) * per_depth
-    narrow = drawn if settings.shape.cushion == 0.0 else drawn - mean_around(drawn, _CUSHIONS)
-    return left, np.maximum(-narrow, np.float32(0.0)) * per_depth
-
-
 def _stepped(
     work: Workspace,
     lines: TracedLines,
@@ -203,7 +195,7 @@ def sums_of(
 ) -> tuple[Floats, Floats]:
     """(M, 8) of wrinkles and (K, 4) of pores: the sums of fit.cl, tile by tile.
 
-    maps: what is left, and how deep narrow valleys are, in depths.
+    maps (R, R): what is left of the scan, 0 outside of charts, and what is drawn, mesh units.
     """
     of_edges, of_pores = np.zeros((len(lines), 8)), np.zeros((len(pores), 4))
     count = -(-settings.resolution // _TILE)
@@ -213,7 +205,7 @@ def sums_of(
         if len(edges) or len(some):
             corner = (tile // count * _TILE - _AROUND, tile % count * _TILE - _AROUND)
             with work.nested() as nested:
-                window = _Window(nested, maps, corner)
+                window = _Window(nested, maps, corner, settings)
                 of_edges[edges] = window.of_wrinkles(lines, edges, settings)
                 of_pores[some] = window.of_pores(pores, some)
     return of_edges, of_pores
@@ -228,17 +220,41 @@ def _by_tile(x: Floats, y: Floats, count: int) -> list[NDArray[np.int64]]:
 
 
 class _Window:
-    """A tile of the maps, with what is around it, on the device."""
+    """A tile with what is around it, on the device: what is left without its broad part, and how
+    deep narrow valleys are drawn, in depths."""
 
     def __init__(
         self,
         work: Workspace,
         maps: tuple[NDArray[np.float32], NDArray[np.float32]],
         corner: tuple[int, int],
+        settings: AssetSettings,
     ) -> None:
+        assert settings.depth is not None
         self._work, self._corner = work, np.array(corner[::-1], np.float64)  # x, y
         self._side = _TILE + 2 * _AROUND
-        self._maps = [work.upload(_cut_out(m, corner, self._side)) for m in maps]
+        cushions = _CUSHIONS if settings.shape.cushion > 0.0 else None
+        sides = (BROAD, 1.0 / settings.depth), (cushions, -1.0 / settings.depth)
+        self._maps = [self._above_mean(m, *s) for m, s in zip(maps, sides, strict=True)]
+
+    def _above_mean(self, values: NDArray[np.float32], side: int | None, factor: float) -> Buffer:
+        """What a map is above its mean over `side` texels, or above 0, times a factor. There is a
+        row more, for vectors that begin in the last one."""
+        taps = np.zeros(1, np.float32) if side is None else taps_of_mean(side)
+        radius, rows, columns = len(taps) // 2, self._side + 1, self._side
+        top, left = (int(c) - radius for c in self._corner[::-1])
+        padded = _cut_out(values, (top, left), (rows + 2 * radius, columns + 2 * radius))
+        given, weights = self._work.upload(padded), self._work.upload(taps)
+        means = self._work.empty(len(padded) * columns, np.float32)
+        found = self._work.empty(rows * columns, np.float32)
+        about = given, padded.shape[1], columns, radius, radius, weights, means
+        for kernel, count, more in (
+            ("means_of_rows", len(padded), ()),
+            ("above_mean", rows, (factor, found)),
+        ):
+            self._work.run("means", kernel, count * columns // VECTOR, *about, *more)
+        self._work.release(given, weights, means)
+        return found
 
     def of_wrinkles(
         self, lines: TracedLines, edges: NDArray[np.int64], settings: AssetSettings
@@ -275,12 +291,13 @@ class _Window:
 
 
 def _cut_out(
-    values: NDArray[np.float32], corner: tuple[int, int], side: int
+    values: NDArray[np.float32], corner: tuple[int, int], shape: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """(side, side) of a map from a corner (row, column) on, which may lie outside; 0 beyond."""
-    found = np.zeros((side, side), np.float32)
+    """A part of a map from a corner (row, column) on, which may lie outside; 0 beyond."""
+    found = np.zeros(shape, np.float32)
     top, left = (max(c, 0) for c in corner)
-    part = values[top : corner[0] + side, left : corner[1] + side]
+    bottom, right = (max(c + size, 0) for c, size in zip(corner, shape, strict=True))
+    part = values[top:bottom, left:right]
     y, x = top - corner[0], left - corner[1]
     found[y : y + part.shape[0], x : x + part.shape[1]] = part
     return found

@@ -38,8 +38,15 @@ def depth_of(fine: Relief, inside: Inside) -> float:
 
 def rms(values: Relief, inside: Inside) -> float:
     """The root mean square of values (H, W) inside; 0 where nothing is."""
-    chosen = values[inside].astype(np.float64)
-    return float(np.sqrt(np.mean(chosen**2))) if len(chosen) else 0.0
+    chosen = np.where(inside, values, np.float32(0.0))
+    return rms_of_some(chosen, int(np.count_nonzero(inside)))
+
+
+def rms_of_some(values: Relief, count: int) -> float:
+    """The root mean square of `count` values of a map (H, W) whose others are 0; 0 where there are
+    none."""
+    rows = np.einsum("ij,ij->i", values, values).astype(np.float64)
+    return float(np.sqrt(rows.sum() / count)) if count else 0.0
 
 
 def mean_around(values: Relief, side: int, beyond: str = "nearest") -> Relief:
@@ -50,3 +57,9 @@ def mean_around(values: Relief, side: int, beyond: str = "nearest") -> Relief:
     once = scipy.ndimage.uniform_filter(values, side, mode=beyond)
     found: Relief = scipy.ndimage.uniform_filter(once, side, mode=beyond)
     return found
+
+
+def taps_of_mean(side: int) -> NDArray[np.float32]:
+    """(2 side - 1,) the weights of `mean_around` along a row."""
+    once = np.full(side, 1.0 / side)
+    return np.convolve(once, once).astype(np.float32)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.pipeline.vectors import VECTOR
 from rhytid.synthesis.progress import Progress, silent
 from rhytid.synthesis.surface import joined, taken
 from rhytid.synthesis.workspace import Workspace
@@ -129,10 +130,11 @@ def find_ridges(
         if inside[top : top + height, left : left + width].any():
             padded = _padded(relief, top, left, height, width)
             lines, pits = _answers(work, padded, height, width, limits.line_scales)
-            skin = _padded(inside, top, left, height, width)[APRON:-APRON, APRON:-APRON]
+            skin = _padded(inside, top, left, height, width)[APRON:-APRON, APRON:]
+            skin = skin[:, : width + 2 * _AROUND]
             corner = top, left
             found.append((_valleys(lines, skin, limits, corner), _pits(pits, skin, limits, corner)))
-    nothing = np.zeros((2, 2, 4), np.float32), np.zeros((2, 2), np.bool_), limits, (0, 0)
+    nothing = np.zeros((4, 2, 2), np.float32), np.zeros((2, 2), np.bool_), limits, (0, 0)
     found.append((_valleys(*nothing), _pits(*nothing)))
     points = joined([valleys for valleys, _ in found])
     pits_ = joined([pits for _, pits in found])
@@ -147,10 +149,12 @@ def _tiles(shape: tuple[int, ...], tile: int) -> Iterator[tuple[int, int, int, i
 
 
 def _padded(array: NDArray[Any], top: int, left: int, height: int, width: int) -> NDArray[Any]:
-    """A tile with APRON + _AROUND texels around it; beyond the map its border goes on."""
+    """A tile with APRON + _AROUND texels around it, and to its right as much more as vectors take;
+    beyond the map its border goes on."""
     margin = APRON + _AROUND
+    wide = _whole_vectors(width + 2 * _AROUND) + 2 * APRON
     rows = np.clip(np.arange(top - margin, top + height + margin), 0, array.shape[0] - 1)
-    columns = np.clip(np.arange(left - margin, left + width + margin), 0, array.shape[1] - 1)
+    columns = np.clip(np.arange(left - margin, left - margin + wide), 0, array.shape[1] - 1)
     return array[rows[:, None], columns]
 
 
@@ -161,8 +165,11 @@ def _answers(
     width: int,
     line_scales: tuple[float, ...],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(height + 2, width + 2, 4) each: `lines` and `pits` of ridges.cl, of a tile and around it."""
-    rows, columns = height + 2 * _AROUND, width + 2 * _AROUND
+    """(4, height + 2, width + 2) each: `lines` and `pits` of ridges.cl, of a tile and around it.
+
+    padded: of `_padded`.
+    """
+    rows, columns = height + 2 * _AROUND, _whole_vectors(width + 2 * _AROUND)
     with work.nested() as nested:
         relief = nested.upload(padded)
         planes = nested.empty(3 * padded.shape[0] * columns, np.float32)
@@ -171,17 +178,22 @@ def _answers(
             taps, radius = gaussian_taps(scale)
             weights = nested.upload(taps.astype(np.float32))
             nested.run(
-                "ridges", "rows_of_relief", padded.shape[0] * columns,
+                "ridges", "rows_of_relief", padded.shape[0] * columns // VECTOR,
                 relief, padded.shape[1], columns, APRON, radius, weights, planes,
             )  # fmt: skip
             share = scale**LINE_POWER if scale in line_scales else 0.0
             nested.run(
-                "ridges", "ridges_at_scale", rows * columns,
+                "ridges", "ridges_at_scale", rows * columns // VECTOR,
                 planes, padded.shape[0], columns, APRON, radius, weights, float(scale),
                 float(share), float(scale**PIT_POWER), lines, pits,
             )  # fmt: skip
-        shape = (rows, columns, 4)
-        return nested.read(lines, shape, np.float32), nested.read(pits, shape, np.float32)
+        shape = (4, rows, columns)
+        of_lines, of_pits = (nested.read(b, shape, np.float32) for b in (lines, pits))
+        return of_lines[..., : width + 2 * _AROUND], of_pits[..., : width + 2 * _AROUND]
+
+
+def _whole_vectors(texels: int) -> int:
+    return -(-texels // VECTOR) * VECTOR
 
 
 def gaussian_taps(scale: float) -> tuple[Floats, int]:
@@ -207,19 +219,18 @@ def _valleys(
 ) -> ValleyPoints:
     """The valley points of a tile at a corner (row, column), from its answers with one texel around
     it."""
-    own = answers[_AROUND:-_AROUND, _AROUND:-_AROUND].astype(np.float64)
-    strength, angle, way, scale = np.moveaxis(own, -1, 0)
-    across = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    off = way[..., None] * across
-    safe = np.maximum(scale, SCALES[0])
-    curvature = strength / safe**LINE_POWER
-    here = (np.abs(off).max(axis=-1) <= _NEAREST) & (curvature > limits.at(safe))
-    row, column = np.nonzero(here & skin[_AROUND:-_AROUND, _AROUND:-_AROUND])
-    at = row, column
-    along = np.stack([-across[at][:, 1], across[at][:, 0]], axis=1)
+    own = answers[:, _AROUND:-_AROUND, _AROUND:-_AROUND]
+    there = skin[_AROUND:-_AROUND, _AROUND:-_AROUND] & (own[0] > 0.0)
+    row, column = np.nonzero(there & (np.abs(own[2]) <= 2.0 * _NEAREST))
+    strength, angle, way, scale = own[:, row, column].astype(np.float64)
+    across = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    off, curvature = way[:, None] * across, strength / scale**LINE_POWER
+    here = (np.abs(off).max(axis=1, initial=0.0) <= _NEAREST) & (curvature > limits.at(scale))
+    row, column, off, across = row[here], column[here], off[here], across[here]
+    along = np.stack([-across[:, 1], across[:, 0]], axis=1)
     row, column = row + corner[0], column + corner[1]  # before the way, which would round otherwise
-    x, y = column + off[at][:, 0], row + off[at][:, 1]
-    return ValleyPoints(x, y, column, row, along, scale[at], curvature[at])
+    x, y = column + off[:, 0], row + off[:, 1]
+    return ValleyPoints(x, y, column, row, along, scale[here], curvature[here])
 
 
 def _pits(
@@ -230,7 +241,7 @@ def _pits(
 ) -> Pits:
     """The pits of a tile at a corner (row, column): texels that answer more than those around them.
     Where two answer the same the first counts."""
-    strength = np.where(skin, answers[..., 0], np.float32(0.0))
+    strength = np.where(skin, answers[0], np.float32(0.0))
     own = strength[_AROUND:-_AROUND, _AROUND:-_AROUND]
     most = own > 0
     height, width = own.shape
@@ -241,11 +252,11 @@ def _pits(
                 most &= own > other
             elif (dy, dx) > (0, 0):
                 most &= own >= other
-    chosen = answers[_AROUND:-_AROUND, _AROUND:-_AROUND][most].reshape(-1, 4).astype(np.float64)
     row, column = np.nonzero(most)
+    chosen = answers[:, row + _AROUND, column + _AROUND].astype(np.float64)
     row, column = row + corner[0], column + corner[1]
-    _, angle, ratio, scale = chosen.T
-    smaller = chosen[:, 0] / scale**PIT_POWER
+    strongest, angle, ratio, scale = chosen
+    smaller = strongest / scale**PIT_POWER
     kept = (ratio >= limits.round_from) & (smaller > limits.at(scale))
     curvature = np.stack([smaller, smaller / np.maximum(ratio, 1e-6)], axis=1)
     found = Pits(column.astype(np.float64), row.astype(np.float64), scale, curvature, angle)

@@ -39,16 +39,16 @@ def traced_scan(
     """
     spacing = settings.graph.spacing or usual_spacing(settings.length_unit)
     progress(0.0, "measuring")
+    charts = {udim: charted(device, mesh, udim, settings) for udim in scan.maps}
     depth = settings.depth or max(
-        depth_of(fine_part(relief, inside), inside)
+        depth_of(fine_part(relief, charts[udim]), charts[udim])
         for udim, relief in scan.maps.items()
-        for inside in [charted(device, mesh, udim, settings)]
     )
     if depth == 0.0:
         raise InputError("there are no lines in the scan: its charts have no fine relief")
     resolved = replace(settings, depth=depth).resolved(spacing)
     how = TraceSettings(spacing=spacing, noise=scan.noise)
-    found = trace(device, mesh, scan.maps, resolved, how, progress, call)
+    found = trace(device, mesh, scan.maps, resolved, how, progress, call, charts)
     return replace(found, residual=found.residual | _beyond(device, mesh, scan, found, resolved))
 
 

@@ -66,13 +66,14 @@ class Trace:
     graph: with copies at seams.  residual: (R, R) float32 of each UDIM, mesh units: the scan less
     what the graph draws at rest, there and outside of charts.  left: for each UDIM the root mean
     square of what was left within charts after each step of the fit.  noise: of each UDIM, from
-    texel to texel.
+    texel to texel.  charts: `charted` of each UDIM.
     """
 
     graph: WrinkleGraph
     residual: dict[int, Relief]
     left: dict[int, list[float]]
     noise: dict[int, float]
+    charts: dict[int, NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,7 @@ def trace(
     how: TraceSettings | None = None,
     progress: Progress = silent,
     call: Caller = directly,
+    charts: Mapping[int, NDArray[np.bool_]] | None = None,
 ) -> Trace:
     """Trace the relief of each UDIM.
 
@@ -106,7 +108,7 @@ def trace(
     of the settings; row 0 is the top.  settings: resolved. Their shape is what the graph is drawn
     with later, but for grain and undulation, which a scan has of its own.  progress(fraction,
     stage): called often; may raise CancelledError.  call: runs each step of the search in a task of
-    the device.
+    the device.  charts: `charted` of each UDIM, where it is known.
 
     Raises InputError naming the UDIM whose relief has another size or is not finite, or where there
     is none, and MeshError where the mesh has no UV that can carry lines.
@@ -117,12 +119,12 @@ def trace(
     for udim, relief in reliefs.items():
         _check(udim, relief, settings.resolution)
     surface = Surface.of(mesh)
+    charts = charts or {udim: charted(device, mesh, udim, settings) for udim in reliefs}
     parts, left, noise = [], {}, {}
     for number, (udim, relief) in enumerate(sorted(reliefs.items())):
         within = part(progress, 0.9 * number / len(reliefs), 0.9 * (number + 1) / len(reliefs))
         with Workspace(device, call) as work:
-            inside = charted(device, mesh, udim, settings)
-            found = _traced(work, device, relief, inside, drawn, how, within)
+            found = _traced(work, device, relief, charts[udim], drawn, how, within)
         lines, pores, left[udim], noise[udim] = found
         parts.append((udim, lines, pores))
     progress(0.9, "seams")
@@ -132,7 +134,7 @@ def trace(
         progress(0.95 + 0.05 * number / len(reliefs), "residual")
         residual[udim] = relief - drawn_neutral(device, graph, drawn, udim)
     progress(1.0, "residual")
-    return Trace(graph, residual, left, noise)
+    return Trace(graph, residual, left, noise, dict(charts))
 
 
 def traced_settings(settings: AssetSettings) -> AssetSettings:
