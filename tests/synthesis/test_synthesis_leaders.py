@@ -153,8 +153,22 @@ def test_they_taper_to_both_ends_and_differ_in_depth(device: Device) -> None:
     for line in range(len(leaders)):
         depth = pores.depth[pores.line == line]
         assert max(depth[0], depth[-1]) < 0.35 * depth.max()
+        tenth = len(depth) // 10 + 1
+        assert max(depth[tenth - 1], depth[-tenth]) < 0.45 * depth.max()
         deepest.append(depth.max())
     assert np.std(deepest) > 0.1 * np.mean(deepest)
+
+
+def test_those_as_deep_as_can_be_taper_too(device: Device) -> None:
+    """Strength of the skin ends their depth in the middle; cut off there they would begin at
+    once."""
+    settings = GraphSettings(wrinkles=COUNT, patches=0.0, events=0.0, strength=4.0)
+    graph = synthesize(MESH, settings, device, folds=folds()).graph
+    assert graph.edge_share is not None
+    weight = graph.edge_weight[graph.edge_share > 1.0]
+    assert len(weight) > 100
+    assert (weight > 0.99).mean() < 0.35
+    assert (weight < 0.5).mean() > 0.25
 
 
 def test_pores_on_them_are_as_far_apart_as_others_and_joined(device: Device) -> None:

@@ -34,7 +34,8 @@ class Old:
     strength: of the depth of lines.  pore_strength: of the depth of pores.  anisotropy: of how far
     lines keep to one direction.  scale: of the width of wrinkles.  pore_radius: of the radius of
     pores.  contrast: of the power of strengths; above 1 faint lines fade, and the deep ones that
-    are left stand farther apart.  grain: of the micro relief between lines.
+    are left stand farther apart.  grain: of the micro relief between lines.  patchiness: of how far
+    patches differ; before 35 they differ as at 35.
     """
 
     strength: float = 1.25
@@ -44,6 +45,7 @@ class Old:
     pore_radius: float = 1.1
     contrast: float = 1.25
     grain: float = 1.5
+    patchiness: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ REGIONS: dict[str, Region] = {
         patchiness=2.2,
         leading=1.3,
         crossed=1.3,
-        old=Old(strength=1.2, contrast=1.3, grain=1.3),
+        old=Old(strength=1.2, contrast=1.3, grain=1.3, patchiness=0.4),
     ),
     # Led by large pores; a fine net of rhombi without much of a direction, faint.
     "cheek": Region(
@@ -256,6 +258,7 @@ def aged(region: Region, age: float) -> Region:
         pore_radius=region.pore_radius * old.pore_radius**share,
         contrast=region.contrast * old.contrast**share,
         grain=region.grain * old.grain**share / depth_factor(age),
+        patchiness=region.patchiness * old.patchiness ** max(share, 0.0),
     )
 
 

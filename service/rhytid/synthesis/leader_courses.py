@@ -87,7 +87,7 @@ class Wishes:
         after = np.rint(steps) - before
         least, number = (
             np.full(len(key), value, np.int64)
-            for value in (int(family.shortest / family.pace), family.number)
+            for value in (int(np.ceil(family.shortest / family.pace)), family.number)
         )
         before, after = before.astype(np.int64), after.astype(np.int64)
         kind = (np.full(len(key), x) for x in (family.pace, family.broad, family.deep))

@@ -18,7 +18,7 @@ from rhytid.synthesis.fields import Factors, Fields
 
 # Millimetres: the shortest leader along the preferred directions, and the longest; from one seed of
 # leaders to the next.
-SHORTEST, LONGEST = 7.0, 20.0
+SHORTEST, LONGEST = 8.0, 28.0
 SEEDS = 3.2
 Values = Callable[[Fields, NDArray[Any], NDArray[Any]], Factors]
 
@@ -35,15 +35,14 @@ class Family:
     distance, and how much larger it may be.  broad, deep: factors of how broad and how deep they
     are.  winding: how far they wind about their direction, radians, and over which lengths,
     millimetres.  waves: lengths of those of their depth, millimetres, from, and by chance how much
-    longer.  uneven: how high each of these is; where their sum is below -1 a line is broken.  ends:
-    power of the taper to either end.
+    longer.  uneven: how high each of these is; where their sum is below -1 a line is broken.
     """
 
     leading: Values
     turn: Values
     number: int = 0
     seeds: float = SEEDS
-    pace: float = 1.0
+    pace: float = 1.4
     shortest: float = SHORTEST
     longest: float = LONGEST
     apart: float = 2.6
@@ -52,10 +51,9 @@ class Family:
     chance: tuple[float, float] = (0.65, 0.9)
     broad: float = 1.0
     deep: float = 1.0
-    winding: tuple[tuple[float, float], ...] = ((0.15, 9.0), (0.2, 2.2), (0.14, 0.8))
+    winding: tuple[tuple[float, float], ...] = ((0.15, 9.0), (0.3, 2.2))
     waves: tuple[tuple[float, float], ...] = ((1.0, 0.9), (2.4, 2.5), (7.0, 6.0))
-    uneven: float = 0.16
-    ends: float = 1.0
+    uneven: float = 0.27
 
 
 def _level(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -68,11 +66,11 @@ CROSSING = Family(
     _level,
     number=1,
     shortest=12.0,
-    longest=34.0,
+    longest=40.0,
     apart=4.5,
     farther=2.0,
     least=0.6,
-    winding=((0.12, 9.0), (0.14, 2.2), (0.1, 0.8)),
+    winding=((0.12, 9.0), (0.2, 2.2)),
 )
 RINGS = Family(
     lambda f, *place: f.rings(*place),
@@ -87,11 +85,10 @@ RINGS = Family(
     least=0.5,
     chance=(0.85, 0.45),
     broad=1.4,
-    deep=1.7,
-    winding=((0.2, 6.0), (0.15, 2.0), (0.1, 0.8)),
+    deep=2.1,
+    winding=((0.2, 6.0), (0.16, 2.2)),
     waves=((8.0, 7.0), (18.0, 16.0), (36.0, 30.0)),
     uneven=0.45,
-    ends=2.0,
 )
 # By number.
 FAMILIES = (PREFERRED, CROSSING, RINGS)

@@ -32,7 +32,7 @@ _ALONG = 2.2
 # From one pore on a line to the next, in radii of its discs: some room for what the chord cuts off.
 _PACE = 1.15
 # Share of its length over which a line tapers to either end, and how broad the ends are.
-_TAPER, _ENDS = 0.25, 0.4
+_TAPER, _ENDS = 0.34, 0.5
 # Points of a chosen line around which others are looked for at a time.
 _TOGETHER = 16
 # Runs of true values in an array of them: of a few tens, searched as text they are found soonest.
@@ -47,12 +47,15 @@ class LeaderPores:
 
     line (Q,): the number of the leader.  depth (Q,) float32: how deep the leader is there, from 0
     at its ends to about 1 in the middle of the largest.  width (Q,) float32: how broad, likewise.
+    profile (Q,) float32: the part of the depth that changes along the leader, about 1 in its
+    middle.
     """
 
     points: Points
     line: IntArray
     depth: NDArray[np.float32]
     width: NDArray[np.float32]
+    profile: NDArray[np.float32]
 
     def __len__(self) -> int:
         return len(self.line)
@@ -62,7 +65,7 @@ class LeaderPores:
         """Those of skin without leaders."""
         nowhere = np.empty((0, 3), np.float32)
         points = Points(np.empty(0, np.int32), nowhere[:, :2], np.empty((0, 3)), nowhere)
-        return cls(points, np.empty(0, np.int64), nowhere[:, 0], nowhere[:, 0])
+        return cls(points, np.empty(0, np.int64), *[nowhere[:, 0]] * 3)
 
 
 def leaders_of(ground: Ground, spacing: float, settings: GraphSettings) -> Leaders | None:
@@ -115,12 +118,13 @@ class Leaders:
         row, wishes = self.row[line], self.courses.wishes
         points = self.courses.between(row, where)
         taper, uneven = self._profiles(line, where)
+        profile = taper * uneven
         size = np.sqrt(wishes.size[row])
         width = size * wishes.broad[row] * (_ENDS + (1.0 - _ENDS) * taper) * np.sqrt(uneven)
         leading = leading_of(wishes.family[row], fields, points.triangle, points.uv)
-        depth = size * wishes.deep[row] * taper * uneven * np.sqrt(np.clip(leading, 0.0, 1.0))
+        depth = size * wishes.deep[row] * profile * np.sqrt(np.clip(leading, 0.0, 1.0))
         holds = surface.carries[points.triangle] & ~fields.bare(points.triangle, points.uv)
-        values = (values[holds].astype(np.float32) for values in (depth, width))
+        values = (values[holds].astype(np.float32) for values in (depth, width, profile))
         return LeaderPores(points.take(holds), line[holds], *values)
 
     def _places(self, radius: float) -> tuple[IntArray, FloatArray]:
@@ -145,7 +149,6 @@ class Leaders:
         number = self.courses.wishes.family[row]
         for family in FAMILIES:
             of = np.flatnonzero(number == family.number)
-            taper[of] **= family.ends
             uneven[of] = self._uneven(family, row[of], where[of])
         return taper, uneven
 
@@ -173,9 +176,10 @@ def _evenly(density: FloatArray, first: int) -> FloatArray:
 
 
 def _taper(share: FloatArray) -> FloatArray:
-    """From 0 at both ends of a line to 1 between, without a corner."""
+    """From 0 at both ends of a line to 1 between, without a corner: it begins and ends level, for a
+    steep end is seen as a cut."""
     rise = np.clip(np.minimum(share, 1.0 - share) / _TAPER, 0.0, 1.0)
-    taper: FloatArray = rise * (2.0 - rise)
+    taper: FloatArray = rise * rise * (3.0 - 2.0 * rise)
     return taper
 
 

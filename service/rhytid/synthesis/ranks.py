@@ -27,10 +27,10 @@ _FIRST = np.float32(64.0)
 _WORN = np.float32(3.0)
 # Weight of the deepest leader at rest, before factors of the skin; half widths, in those of a line
 # of strength 1, of the faintest leader and of the deepest.
-_DEEPEST = 0.43
+_DEEPEST = 0.5
 # Factors of these at 65, for leaders are what expressions leave behind; and of the weight of others
 # where skin folds one way.
-_OLD, _OLD_OTHERS = 2.4, 0.75
+_OLD, _OLD_OTHERS = 2.4, 0.55
 _NARROW, _BROAD = 0.6, 1.25
 # How far other lines are fainter: beside a leader, and where skin folds one way; how far from a
 # leader, in pore spacings, the first ends.
@@ -39,6 +39,7 @@ _BESIDE, _FOLDED, _REACH = 0.3, 0.5, 4.0
 # much less one of weight 1 takes; what others are left at least, of what they would take; how far
 # leaders take it from, in pore spacings.
 _TAKES, _DEEP_TAKES, _LEFT, _STRIP = 2.2, 0.6, 0.2, 5.0
+_TINY = np.float32(1e-6)
 # Pores on a leader would be beads on a string: of their depth is left.
 _BEADS = 0.6
 
@@ -47,13 +48,15 @@ _BEADS = 0.6
 class Ranks:
     """Leaders among the edges of a candidate graph.
 
-    weight (E,) float32: of leaders, before factors of the skin; 0 of other edges.  width (E,)
-    float32: half widths of leaders, in pore spacings.  quiet (N,) float32: factor of the weight of
+    weight (E,) float32: of leaders, before factors of the skin; 0 of other edges.  most (E,)
+    float32: the largest factor of the skin of leaders: with it one is as deep as lines can be in
+    its middle, and tapers from there as others do.  width (E,) float32: half widths of leaders, in pore spacings.  quiet (N,) float32: factor of the weight of
     other lines at each pore.  of_pores (N,) float32: factor of the depth of the pores.  rank: the
     setting.
     """
 
     weight: Singles
+    most: Singles
     width: Singles
     quiet: Singles
     of_pores: Singles
@@ -73,9 +76,11 @@ class Ranks:
         leaders: the first pores of the net.  spacing: mean distance of pores on even skin.
         """
         rank, worn = settings.rank, wear(settings.age)
-        edge, depth, size = _edges_along(net, leaders)
-        weight, width = (np.zeros(len(net.edges), np.float32) for _ in range(2))
-        weight[edge] = np.minimum(_DEEPEST * _OLD**worn * min(rank, 1.0) * depth, 1.0)
+        edge, depth, size, profile = _edges_along(net, leaders)
+        weight, most, width = (np.zeros(len(net.edges), np.float32) for _ in range(3))
+        middle = _DEEPEST * _OLD**worn * min(rank, 1.0) * depth / np.maximum(profile, _TINY)
+        middle = np.clip(middle, _TINY, 1.0)
+        weight[edge], most[edge] = middle * profile, 1.0 / middle
         broad = min(rank, 1.0) * (_NARROW + (_BROAD - _NARROW) * size)
         width[edge] = WIDE * broad
         near = _nearness(net, leaders, _REACH * spacing)
@@ -84,7 +89,7 @@ class Ranks:
         quiet *= _OLD_OTHERS ** (worn * leading)
         of_pores = np.ones(len(net.pores), np.float32)
         of_pores[net.first] = _BEADS ** min(rank, 1.0)
-        return cls(weight, width, (quiet**rank).astype(np.float32), of_pores, rank)
+        return cls(weight, most, width, (quiet**rank).astype(np.float32), of_pores, rank)
 
     @property
     def leads(self) -> NDArray[np.bool_]:
@@ -97,7 +102,7 @@ class Ranks:
         weight, leads = self.weight[edge], self.weight[edge] > 0
         quiet = np.float32(0.5) * (self.quiet[pores[:, 0]] + self.quiet[pores[:, 1]])
         factor = np.where(leads, np.float32(1.0), quiet)
-        return RankedLines(leads, weight, self.width[edge], factor)
+        return RankedLines(leads, weight, self.most[edge], self.width[edge], factor)
 
     def worn(self) -> Singles:
         """(E,) strengths that walkers find as they set out."""
@@ -184,20 +189,21 @@ def _pairs(
 
 @dataclass(frozen=True, eq=False)
 class RankedLines:
-    """Of W lines: leads, whether each is part of a leader; of those that are, weight and width as
-    in `Ranks`; factor, of the weight of each."""
+    """Of W lines: leads, whether each is part of a leader; of those that are, weight, most and
+    width as in `Ranks`; factor, of the weight of each."""
 
     leads: NDArray[np.bool_]
     weight: Singles
+    most: Singles
     width: Singles
     factor: Singles
 
 
 def _edges_along(
     net: CandidateGraph, leaders: LeaderPores
-) -> tuple[NDArray[np.intp], Singles, Singles]:
-    """The edges between pores that follow one another on a leader, and how deep and how broad each
-    is."""
+) -> tuple[NDArray[np.intp], Singles, Singles, Singles]:
+    """The edges between pores that follow one another on a leader, and the depth, the width and the
+    profile of each."""
     follows = np.flatnonzero(leaders.line[1:] == leaders.line[:-1])
     ends = np.sort(np.stack([net.first[follows], net.first[follows + 1]], axis=1), axis=1)
     count = np.int64(len(net.pores))
@@ -205,11 +211,11 @@ def _edges_along(
     wanted = ends[:, 0] * count + ends[:, 1]
     at = np.minimum(np.searchsorted(keys, wanted), max(len(keys) - 1, 0))
     found = keys[at] == wanted if len(keys) else np.zeros(len(wanted), np.bool_)
-    depth, width = (
+    depth, width, profile = (
         np.float32(0.5) * (values[follows] + values[follows + 1])[found]
-        for values in (leaders.depth, leaders.width)
+        for values in (leaders.depth, leaders.width, leaders.profile)
     )
-    return at[found], depth, width
+    return at[found], depth, width, profile
 
 
 def _nearness(net: CandidateGraph, leaders: LeaderPores, reach: float) -> Singles:
