@@ -58,11 +58,17 @@ def test_lines_deepen_with_age_and_no_region_grows_smooth(name: str) -> None:
 
 
 def test_no_pore_moves_with_age() -> None:
-    fixed = {"density", "turn", "bend", "undulation", "folded", "patchiness", "leading", "old"}
+    fixed = {"density", "turn", "bend", "undulation", "folded", "leading", "old"}
     kept = {field.name for field in fields(REGIONS["face"])} & fixed
     for region in REGIONS.values():
         for age in AGES:
             assert all(getattr(aged(region, age), n) == getattr(region, n) for n in kept)
+
+
+def test_patches_of_old_skin_differ_less_and_those_of_young_skin_as_at_35() -> None:
+    region = REGIONS["forehead"]
+    assert aged(region, 65.0).patchiness == region.patchiness * region.old.patchiness
+    assert aged(region, 20.0).patchiness == region.patchiness > aged(region, 50.0).patchiness
 
 
 def test_lines_deepen_by_region_in_the_order_that_was_measured() -> None:
