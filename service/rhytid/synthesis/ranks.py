@@ -50,9 +50,9 @@ class Ranks:
 
     weight (E,) float32: of leaders, before factors of the skin; 0 of other edges.  most (E,)
     float32: the largest factor of the skin of leaders: with it one is as deep as lines can be in
-    its middle, and tapers from there as others do.  width (E,) float32: half widths of leaders, in pore spacings.  quiet (N,) float32: factor of the weight of
-    other lines at each pore.  of_pores (N,) float32: factor of the depth of the pores.  rank: the
-    setting.
+    its middle, and tapers from there as others do.  width (E,) float32: half widths of leaders, in
+    pore spacings.  quiet (N,) float32: factor of the weight of other lines at each pore.  of_pores
+    (N,) float32: factor of the depth of the pores.  rank: the setting.
     """
 
     weight: Singles
