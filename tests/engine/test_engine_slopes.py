@@ -17,9 +17,10 @@ from rhytid.domain.tiles import MapAddress, TileAddress
 from rhytid.engine.device_assets.slopes import DeviceSlopes
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import SLOPES, MapQuery
-from rhytid.engine.tiles.maps import MapDrawing
-from rhytid.exports.textures.slope_terms import slope_terms
-from rhytid.exports.textures.tangents import Posed
+from rhytid.engine.tiles.slopes import SlopeDrawing
+from rhytid.errors import DeviceMemoryError
+from rhytid.pipeline import slopes
+from rhytid.pipeline.slopes import SlopeWork
 
 UDIM = 1012
 
@@ -61,12 +62,11 @@ def test_given_heights_give_the_same(made):
     mesh = sheet(udims=2)
     positions = deform(mesh.positions, 3, 0.15)
     heights = made.engine.tiles.plan_map(made.asset, "bent", BINNED, UDIM, 0).draw()
-    terms = slope_terms(mesh, Posed.of(mesh, positions), 256)
     for level in (0, 3):
         whole = made.engine.tiles.plan_map(made.asset, "bent", slopes_of(BINNED), UDIM, level)
         place = MapAddress(UDIM, level)
         found, coverage = made.engine.tiles.slope_moments(
-            made.asset, Frame.of(positions), BINNED, place, heights, terms
+            made.asset, Frame.of(positions), BINNED, place, heights
         )
         np.testing.assert_array_equal(found, whole.draw())
         assert coverage.max() == 1.0
@@ -88,25 +88,47 @@ def test_displacement_stays_as_it_is(made):
         np.testing.assert_array_equal(one, other)
 
 
-def test_one_whole_level_0_is_in_memory_at_a_time(made, monkeypatch):
-    shared, held, most = MapDrawing.shared, [], []
-    whole = (0, 0, 256)
+def test_levels_are_made_by_one_caller_at_a_time(made, monkeypatch):
+    begin, release, held, most = SlopeWork.__init__, SlopeWork.release, [], []
 
-    def counted(self, *arguments):
-        if arguments[-1] == whole:
-            held.append(0)
-            most.append(len(held))
-            time.sleep(0.05)
-        found = shared(self, *arguments)
-        held[:] = held[1:] if arguments[-1] == whole else held
-        return found
+    def begun(self, *arguments):
+        held.append(self)
+        most.append(len(held))
+        begin(self, *arguments)
 
-    monkeypatch.setattr(MapDrawing, "shared", counted)
+    def released(self):
+        held.remove(self)
+        release(self)
+
+    monkeypatch.setattr(SlopeWork, "__init__", begun)
+    monkeypatch.setattr(SlopeWork, "release", released)
     queries = [slopes_of(MapQuery("redraw", model)) for model in ("tensor", "tension", "uv")]
     plans = [made.engine.tiles.plan_map(made.asset, "bent", q, 1001, 4) for q in queries]
     with ThreadPoolExecutor() as threads:
         list(threads.map(lambda plan: plan.draw(), plans))
-    assert (len(most), max(most)) == (3, 1)
+    assert (len(most), max(most), held) == (3, 1, [])
+
+
+def test_strips_and_short_memory_make_the_same(engine, monkeypatch):
+    """Each strip is a task of its own; a piece that does not fit is drawn by `maps`."""
+    asset = built(engine, new_asset())
+    plan = engine.tiles.plan_map(asset, "neutral", slopes_of(REDRAW), 1001, 1)
+    whole = plan.draw()
+    depth = engine.assets.info(asset).settings["depth"]
+    for one in (0.5 * depth, depth):
+        engine.assets.change(asset, {"depth": one})  # which drops what is kept
+    put, add, added = DeviceSlopes.put, DeviceSlopes.add, []
+
+    def short(self, work, frame, query, udim, place):
+        if place[0] >= 128:
+            raise DeviceMemoryError("no memory")
+        put(self, work, frame, query, udim, place)
+
+    monkeypatch.setattr(slopes, "_AT_ONCE", 256 * 64)
+    monkeypatch.setattr(DeviceSlopes, "put", short)
+    monkeypatch.setattr(DeviceSlopes, "add", lambda *given: added.append(1) or add(*given))
+    np.testing.assert_array_equal(plan.draw(), whole)
+    assert len(added) == 4
 
 
 def test_a_chart_is_made_once_for_all_who_ask(engine, monkeypatch):
@@ -124,15 +146,14 @@ def test_a_chart_is_made_once_for_all_who_ask(engine, monkeypatch):
 
 def test_nothing_is_kept_of_settings_that_changed_meanwhile(engine, monkeypatch):
     asset = built(engine, new_asset())
-    shared, changes = MapDrawing.shared, [{"depth": 0.02}]
+    fill, changes = SlopeDrawing._fill, [{"depth": 0.02}]
 
     def changed_after(*arguments):
-        heights = shared(*arguments)
+        fill(*arguments)
         if changes:
             engine.assets.change(asset, changes.pop())
-        return heights
 
-    monkeypatch.setattr(MapDrawing, "shared", changed_after)
+    monkeypatch.setattr(SlopeDrawing, "_fill", changed_after)
     plan = engine.tiles.plan_map(asset, "neutral", slopes_of(REDRAW), 1001, 2)
     found = plan.draw()
 

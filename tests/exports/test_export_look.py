@@ -12,6 +12,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdValidation
 
 from rhytid.errors import InputError
 from rhytid.exports.look import Look, materialx_look
+from rhytid.exports.look_shine import SHINE
 from rhytid.exports.usda import usd_look
 
 LOOK = Look("face", (1001,), ("0007", "0008", "0010"), "cm", "cm", bind="/root/face/mesh")
@@ -288,3 +289,34 @@ def test_shine_ends_at_the_surface(named: str) -> None:
         "Roughness": "face.roughness.1001.{04frame}.png",
         "Axis": "face.anisotropy.1001.{04frame}.png",
     }
+
+
+def _shine(along: float, across: float) -> dict[str, float]:
+    """Values of the nodes of roughness and anisotropy, of maps with these two values."""
+    found = {"Roughness": [along, across, 0.0]}
+    work = {
+        "max": max,
+        "multiply": lambda a, b: a * b,
+        "divide": lambda a, b: a / b,
+        "subtract": lambda a, b: a - b,
+        "sqrt": lambda a: a**0.5,
+    }
+    for node in SHINE:
+        given = {name: found.get(of) for name, _, of in node.links}
+        given |= {name: float(value) for name, type, value in node.values if type == "float"}
+        if None in given.values() or node.map:
+            continue  # of the axis
+        if node.category == "extract":
+            found[node.name] = given["in"][int(node.values[0][2])]
+        elif node.category in work and node.type == "float":
+            found[node.name] = work[node.category](*(given[name] for name in sorted(given)))
+    return found
+
+
+def test_skin_without_roughness_has_a_finite_look() -> None:
+    """Both are 0 where a base roughness of 0 has no relief over it."""
+    flat, ridges, usual = _shine(0.0, 0.0), _shine(0.3, 0.0), _shine(0.4, 0.3)
+    assert (flat["Strength"], flat["Both"]) == (0.0, pytest.approx(0.001))
+    assert 0.99 < ridges["Strength"] < 1.0 - 1e-6
+    assert usual["Strength"] == pytest.approx(1.0 - (0.3 / 0.4) ** 2)
+    assert usual["Both"] == pytest.approx(0.12**0.5)

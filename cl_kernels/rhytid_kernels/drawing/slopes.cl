@@ -1,140 +1,228 @@
 // Slopes of the relief on the surface, and their products: the moments that level 0 has (Olano and Baker
-// 2010, "LEAN mapping", eq. 7 to 9). Level 1 is the mean of 2 x 2 texels, added as level.cl adds them.
+// 2010, "LEAN mapping", eq. 7 to 9). Levels 1 and 2 are means of 2 x 2 texels, added as level.cl adds them.
 //
 // A slope is a length over a length, along T and B of the texel: T is MikkTSpace's tangent in the plane of
 // the interpolated normal n, B = sign n x T. The triangle's own axes, dP/du and what is across it, are
 // turned into that plane, as exports/textures/writers.py has it for normal maps. The angle between both is
 // atan2(s, c) with c = (a.T) (n.n) - (a.n) (T.n) and s = sign |n| n.(a x T), where a is the unit dP/du: each
 // product is a polynomial of the place in the triangle, because n and T are linear there.
-#include "vectors.clh"
+#include "cells.clh"
+#include "slope_terms.clh"
 
-// Of a triangle, see pipeline/slopes.py: coefficients of a.T and a.n (1, x, y), of T.n, n.n and
-// sign n.(a x T) (1, x, y, xx, xy, yy), texels per mesh unit along and across, the lean of one on the
-// other, and the place that x and y are counted from, texels.
-#define TERMS 32
-#define ALONG_T 0
-#define ALONG_N 3
-#define T_ON_N 6
-#define N_ON_N 12
-#define TURNED 18
-#define PER_ALONG 24
-#define PER_ACROSS 25
-#define LEAN 26
-#define FROM_X 27
-#define FROM_Y 28
-// Bits of a code: which neighbours a difference may use, and whether a triangle is under the texel.
-#define RIGHT 1
-#define LEFT 2
-#define ABOVE 4
-#define BELOW 8
-#define INSIDE 16
-#define ALL 31
-#define COUNTS(bit) convert_float16((code & (uchar)bit) != (uchar)0 ? (uchar16)1 : (uchar16)0)
+#define INLINE inline __attribute__((always_inline))
 
 typedef struct {
     float16 x, y;
 } slopes_t;
 
-inline float16 linear(__global const float *t, float16 x, float y)
+// The two rows of a cell.
+typedef struct {
+    slopes_t top, bottom;
+} cell_t;
+
+// Cosine and sine of the angle from the axes of a triangle to those of the texel.
+typedef struct {
+    float8 c, s;
+} turn_t;
+
+INLINE float8 linear(__global const float *t, float8 x, float8 y)
 {
-    return x * t[1] + (t[0] + t[2] * y);
+    return fma(x, (float8)t[1], fma(y, (float8)t[2], (float8)t[0]));
 }
 
-inline float16 quadratic(__global const float *t, float16 x, float y)
+INLINE float8 quadratic(__global const float *t, float8 x, float8 y)
 {
-    return x * (x * t[3] + (t[1] + t[4] * y)) + (t[0] + (t[2] + t[5] * y) * y);
+    float8 once = fma(x, (float8)t[3], fma(y, (float8)t[4], (float8)t[1]));
+    return fma(x, once, fma(y, fma(y, (float8)t[5], (float8)t[2]), (float8)t[0]));
+}
+
+INLINE turn_t turn_at(__global const float *t, float8 x, float8 y)
+{
+    float8 size = quadratic(t + N_ON_N, x, y);
+    float8 less = linear(t + ALONG_N, x, y) * quadratic(t + T_ON_N, x, y);
+    float8 c = fma(linear(t + ALONG_T, x, y), size, -less);
+    float8 s = quadratic(t + TURNED, x, y) * sqrt(size);
+    float8 norm = rsqrt(fma(c, c, fma(s, s, (float8)1e-30f)));
+    return (turn_t){c * norm, s * norm};
+}
+
+// The cubic of 16 texels that is `at` in texels 0, 5, 10 and 15.
+INLINE float16 between(float4 at)
+{
+    const float16 x = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+    const float16 a = (x - 5) * (x - 10) * (x - 15) / -750.0f, b = x * (x - 10) * (x - 15) / 250.0f;
+    const float16 c = x * (x - 5) * (x - 15) / -250.0f, d = x * (x - 5) * (x - 10) / 750.0f;
+    return fma((float16)at.x, a, fma((float16)at.y, b, fma((float16)at.z, c, at.w * d)));
+}
+
+INLINE slopes_t turned(float16 c, float16 s, __global const float *t, slopes_t rises)
+{
+    float16 along = rises.x * t[PER_ALONG];
+    float16 across = fma(rises.y, (float16)t[PER_ACROSS], along * -t[LEAN]);
+    return (slopes_t){fma(c, along, s * across), fma(c, across, -s * along)};
 }
 
 // As if every texel lay in one triangle. rises: of the heights over one texel, right and up, mesh units.
-// x, y: of the first texel, in texels from the lower left of UDIM 1001.
-inline slopes_t slopes_in(__global const float *t, slopes_t rises, float x, float y)
+// x, y: of the first texel, in texels from the lower left of UDIM 1001. Where the angle bends little over a
+// cell, it is a cubic through four texels of each row: off by less than 4e-6 of a slope, see SMOOTH.
+INLINE cell_t cell_in(__global const float *t, cell_t rises, float x, float y)
 {
-    const float16 lane = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
-    float16 at = lane + (x - t[FROM_X]);
+    x -= t[FROM_X];
     y -= t[FROM_Y];
-    float16 size = quadratic(t + N_ON_N, at, y);
-    float16 c = linear(t + ALONG_T, at, y) * size -
-                linear(t + ALONG_N, at, y) * quadratic(t + T_ON_N, at, y);
-    float16 s = quadratic(t + TURNED, at, y) * sqrt(size);
-    float16 norm = rsqrt(fmax(c * c + s * s, 1e-30f));
-    float16 along = rises.x * t[PER_ALONG], across = rises.y * t[PER_ACROSS] - along * t[LEAN];
-    return (slopes_t){(c * along + s * across) * norm, (c * across - s * along) * norm};
-}
-
-// Rises over one texel, right and up, of a vector at `p` in rows of `stride` heights: half the difference of
-// both neighbours, or that to the one that may be used.
-inline slopes_t rises_of(__global const float *p, int stride, uchar16 code)
-{
-    float16 left = vload16(0, p - 1), right = vload16(0, p + 1);
-    float16 above = vload16(0, p - stride), below = vload16(0, p + stride);
-    if (all(code == (uchar16)ALL))
-        return (slopes_t){0.5f * (right - left), 0.5f * (above - below)};
-    float16 here = vload16(0, p);
-    float16 r = COUNTS(RIGHT), l = COUNTS(LEFT), a = COUNTS(ABOVE), b = COUNTS(BELOW);
-    return (slopes_t){(r * (right - here) + l * (here - left)) / fmax(r + l, 1.0f),
-                      (a * (above - here) + b * (here - below)) / fmax(a + b, 1.0f)};
-}
-
-// What a kernel reads. heights: rows of `stride`, mesh units, with one texel around them; the first of them
-// is `first`. codes, firsts, members: of a strip of the map, which has `vectors` vectors per row; the first
-// of them is `corner`, whose first texel is at `x`, `y`. terms: of each triangle.
-#define SURFACE                                                                                \
-    __global const float *heights, int stride, int first, __global const uchar *codes,         \
-        __global const int *firsts, __global const int2 *members, int vectors, int corner,     \
-        __global const float *terms, float x, float y
-#define GIVEN heights, stride, first, codes, firsts, members, vectors, corner, terms, x, y
-
-// Slopes of the vector `column` of `row`; 0 where no triangle is under a texel.
-inline slopes_t slopes_at(SURFACE, int column, int row)
-{
-    int i = corner + row * vectors + column, end = firsts[i + 1], member = firsts[i];
-    uchar16 code = vload16(i, codes);
-    slopes_t rises = rises_of(heights + first + row * stride + column * WIDTH, stride, code);
-    x += column * WIDTH;
-    y -= row;
-    slopes_t found = slopes_in(terms + members[member].x * TERMS, rises, x, y);
-    for (member++; member < end; member++) {
-        slopes_t other = slopes_in(terms + members[member].x * TERMS, rises, x, y);
-        int16 lanes = lanes_of(members[member].y);
-        found.x = select(found.x, other.x, lanes);
-        found.y = select(found.y, other.y, lanes);
+    if (t[SMOOTH] != 0) {
+        turn_t at = turn_at(t, x + (float8)(0, 5, 10, 15, 0, 5, 10, 15),
+                            y - (float8)(0, 0, 0, 0, 1, 1, 1, 1));
+        return (cell_t){turned(between(at.c.lo), between(at.s.lo), t, rises.top),
+                        turned(between(at.c.hi), between(at.s.hi), t, rises.bottom)};
     }
-    if (!all(code == (uchar16)ALL)) {
-        float16 inside = COUNTS(INSIDE);
-        found.x *= inside;
-        found.y *= inside;
+    float8 near = x + (float8)(0, 1, 2, 3, 4, 5, 6, 7), far = near + 8;
+    turn_t a = turn_at(t, near, y), b = turn_at(t, far, y);
+    turn_t c = turn_at(t, near, y - 1), d = turn_at(t, far, y - 1);
+    return (cell_t){turned((float16)(a.c, b.c), (float16)(a.s, b.s), t, rises.top),
+                    turned((float16)(c.c, d.c), (float16)(c.s, d.s), t, rises.bottom)};
+}
+
+#define IF(bit, value) select((float16)0, value, convert_int16((code & (uchar)bit) != (uchar)0))
+#define COUNTS(bit) IF(bit, (float16)1)
+
+// Rises over one texel, right and up, of a vector at `p`, beside rows above and below: half the difference of
+// both neighbours, or that to the one that may be used.
+INLINE slopes_t rises_at_border(__global const float *p, __global const float *up,
+                                __global const float *down, uchar16 code)
+{
+    float16 here = vload16(0, p);
+    float16 right = IF(RIGHT, vload16(0, p + 1) - here), left = IF(LEFT, here - vload16(0, p - 1));
+    float16 above = IF(ABOVE, vload16(0, up) - here), below = IF(BELOW, here - vload16(0, down));
+    return (slopes_t){(right + left) / fmax(COUNTS(RIGHT) + COUNTS(LEFT), 1.0f),
+                      (above + below) / fmax(COUNTS(ABOVE) + COUNTS(BELOW), 1.0f)};
+}
+
+INLINE slopes_t rises_inside(__global const float *p, __global const float *up,
+                             __global const float *down)
+{
+    return (slopes_t){0.5f * (vload16(0, p + 1) - vload16(0, p - 1)),
+                      0.5f * (vload16(0, up) - vload16(0, down))};
+}
+
+// What a kernel reads. heights: rows of `stride`, mesh units, the first texel of the first row is `first`; a
+// texel before and behind each row may be read, and is used where it is a neighbour. before, after: buffers
+// with the row above the first and that below the last of `rows`, from `above` and `below` on. codes, firsts,
+// members: of some rows of a map, which has `vectors` cells per row; the first of them is at `column`, `row`,
+// and its first texel at `x`, `y`. terms: of each triangle.
+#define SURFACE                                                                                \
+    __global const float *heights, int stride, int first, int rows,                            \
+        __global const float *before, int above, __global const float *after, int below,       \
+        __global const uchar *codes, __global const int *firsts, __global const int2 *members, \
+        int vectors, int column, int row, __global const float *terms, float x, float y
+#define GIVEN                                                                                  \
+    heights, stride, first, rows, before, above, after, below, codes, firsts, members, vectors, \
+        column, row, terms, x, y
+
+// Slopes of a cell: `i` cells right and `j` pairs of rows down; 0 where no triangle is under a texel.
+INLINE cell_t slopes_at(SURFACE, int i, int j)
+{
+    const cell_t none = {{0, 0}, {0, 0}};
+    int cell = (row + j) * vectors + column + i;
+    int member = firsts[cell] >> 1, end = firsts[cell + 1] >> 1;
+    if (member == end)
+        return none;
+    __global const float *top = heights + first + 2 * j * stride + i * WIDTH;
+    __global const float *bottom = top + stride;
+    __global const float *up = j > 0 ? top - stride : before + above + i * WIDTH;
+    __global const float *down = 2 * j + 2 < rows ? bottom + stride : after + below + i * WIDTH;
+    cell_t rises;
+    if (firsts[cell] & 1) {
+        int code = (row + j) * 2 * vectors + column + i;
+        rises.top = rises_at_border(top, up, bottom, vload16(code, codes));
+        rises.bottom = rises_at_border(bottom, top, down, vload16(code + vectors, codes));
+    } else {
+        rises.top = rises_inside(top, up, bottom);
+        rises.bottom = rises_inside(bottom, top, down);
+    }
+    x += i * WIDTH;
+    y -= 2 * j;
+    cell_t found = none;
+    for (; member < end; member++) {
+        int2 of = members[member];
+        cell_t here = cell_in(terms + of.x * TERMS, rises, x, y);
+        if (of.y == -1)
+            return here;
+        int16 lanes = lanes_of(of.y), lower = lanes_of(of.y >> WIDTH);
+        found.top.x = as_float16(as_int16(found.top.x) | (as_int16(here.top.x) & lanes));
+        found.top.y = as_float16(as_int16(found.top.y) | (as_int16(here.top.y) & lanes));
+        found.bottom.x = as_float16(as_int16(found.bottom.x) | (as_int16(here.bottom.x) & lower));
+        found.bottom.y = as_float16(as_int16(found.bottom.y) | (as_int16(here.bottom.y) & lower));
     }
     return found;
 }
 
-// Level 0: mean slope and its products, of texels outside 0. Work-items: vectors of a row, rows.
-__kernel void finest(SURFACE, __global float *mean_x, __global float *mean_y, __global float *xx,
-                     __global float *xy, __global float *yy)
+// Level 0 of a vector: mean slope and its products, of texels outside 0.
+INLINE void keep(slopes_t own, int i, int texels, __global float *moments)
 {
-    int i = get_global_id(1) * get_global_size(0) + get_global_id(0);
-    slopes_t own = slopes_at(GIVEN, get_global_id(0), get_global_id(1));
-    vstore16(own.x, i, mean_x);
-    vstore16(own.y, i, mean_y);
-    vstore16(own.x * own.x, i, xx);
-    vstore16(own.x * own.y, i, xy);
-    vstore16(own.y * own.y, i, yy);
+    vstore16(own.x, i, moments);
+    vstore16(own.y, i, moments + texels);
+    vstore16(own.x * own.x, i, moments + 2 * texels);
+    vstore16(own.x * own.y, i, moments + 3 * texels);
+    vstore16(own.y * own.y, i, moments + 4 * texels);
 }
 
-inline float8 mean_of(float16 top, float16 bottom)
+// Level 0. moments: five planes. Work-items: cells of a row, pairs of rows.
+__kernel void finest(SURFACE, __global float *moments)
+{
+    int i = get_global_id(0), j = get_global_id(1), width = get_global_size(0);
+    int texels = 2 * get_global_size(1) * width * WIDTH;
+    cell_t own = slopes_at(GIVEN, i, j);
+    keep(own.top, 2 * j * width + i, texels, moments);
+    keep(own.bottom, (2 * j + 1) * width + i, texels, moments);
+}
+
+typedef struct {
+    float8 x, y, xx, xy, yy;
+} means_t;
+
+INLINE float8 mean_of(float16 top, float16 bottom)
 {
     return 0.25f * ((top.even + top.odd) + (bottom.even + bottom.odd));
 }
 
-// Level 1 of a strip, from its vector `to` on. Work-items: vectors of a row, pairs of rows.
-__kernel void halved(SURFACE, int to, __global float *mean_x, __global float *mean_y,
-                     __global float *xx, __global float *xy, __global float *yy)
+INLINE means_t means_of(cell_t own)
 {
-    int i = to + get_global_id(1) * get_global_size(0) + get_global_id(0);
-    slopes_t top = slopes_at(GIVEN, get_global_id(0), 2 * get_global_id(1));
-    slopes_t bottom = slopes_at(GIVEN, get_global_id(0), 2 * get_global_id(1) + 1);
-    vstore8(mean_of(top.x, bottom.x), i, mean_x);
-    vstore8(mean_of(top.y, bottom.y), i, mean_y);
-    vstore8(mean_of(top.x * top.x, bottom.x * bottom.x), i, xx);
-    vstore8(mean_of(top.x * top.y, bottom.x * bottom.y), i, xy);
-    vstore8(mean_of(top.y * top.y, bottom.y * bottom.y), i, yy);
+    slopes_t a = own.top, b = own.bottom;
+    return (means_t){mean_of(a.x, b.x), mean_of(a.y, b.y), mean_of(a.x * a.x, b.x * b.x),
+                     mean_of(a.x * a.y, b.x * b.y), mean_of(a.y * a.y, b.y * b.y)};
+}
+
+INLINE void keep_means(means_t own, int i, size_t plane, __global float *moments)
+{
+    vstore8(own.x, i, moments);
+    vstore8(own.y, i, moments + plane);
+    vstore8(own.xx, i, moments + 2 * plane);
+    vstore8(own.xy, i, moments + 3 * plane);
+    vstore8(own.yy, i, moments + 4 * plane);
+}
+
+INLINE float4 halved(float8 top, float8 bottom)
+{
+    return 0.25f * ((top.even + top.odd) + (bottom.even + bottom.odd));
+}
+
+// Levels 1 and 2 of `vectors` cells a row: five planes each, of a map of which these are the rows from `to`
+// of level 2 on. keeps: whether level 1 is asked for. Work-items: cells of a row, rows of level 2.
+__kernel void levels(SURFACE, int to, int keeps, __global float *first_level,
+                     __global float *second_level)
+{
+    int i = get_global_id(0), j = get_global_id(1), at = to + j;
+    size_t plane = (size_t)vectors * vectors * (WIDTH / 4) * (WIDTH / 4);
+    means_t top = means_of(slopes_at(GIVEN, i, 2 * j));
+    means_t bottom = means_of(slopes_at(GIVEN, i, 2 * j + 1));
+    if (keeps) {
+        keep_means(top, 2 * at * vectors + i, 4 * plane, first_level);
+        keep_means(bottom, (2 * at + 1) * vectors + i, 4 * plane, first_level);
+    }
+    at = at * vectors + i;
+    vstore4(halved(top.x, bottom.x), at, second_level);
+    vstore4(halved(top.y, bottom.y), at, second_level + plane);
+    vstore4(halved(top.xx, bottom.xx), at, second_level + 2 * plane);
+    vstore4(halved(top.xy, bottom.xy), at, second_level + 3 * plane);
+    vstore4(halved(top.yy, bottom.yy), at, second_level + 4 * plane);
 }

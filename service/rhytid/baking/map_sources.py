@@ -23,7 +23,6 @@ from rhytid.engine.messages import AssetInfo, MapQuery
 from rhytid.exports.displaced import Subdivided
 from rhytid.exports.meshes import mesh_format
 from rhytid.exports.textures.frame_map import Chart, FrameMap, Padding, VertexField
-from rhytid.exports.textures.slope_terms import slope_terms
 from rhytid.exports.textures.stretch import corner_weights, vertex_stretch
 from rhytid.exports.textures.tangents import Posed
 from rhytid.formats.tile_header import TileHeader
@@ -133,11 +132,7 @@ class MapSources:
         """Moments (n, n, 5) of a level, and coverage (n, n)."""
         query = MapQuery(header.method, header.stretch, header.sampling)
         frame, place = Frame.of(surface.positions), MapAddress(header.udim, level)
-        side = int(self._asset.settings["resolution"])
-        terms = slope_terms(self._mesh, surface.posed(), side)
-        return self._engine.tiles.slope_moments(
-            self._asset.id, frame, query, place, heights(), terms
-        )
+        return self._engine.tiles.slope_moments(self._asset.id, frame, query, place, heights())
 
     def _found_chart(self, udim: int) -> Chart:
         return Chart.of(self._mesh, udim, self._triangles(udim))

@@ -57,10 +57,15 @@ def _scaled(name: str, vector: str, by: str) -> Node:
     return Node(name, "ND_multiply_vector3FA", "multiply", "vector3", (), links)
 
 
+# Roughness below this is as smooth as glass.
+LEAST = "0.001"
 SHINE = (
     _image("Roughness", "roughness"),
-    _channel("Along", "Roughness", 0),
-    _channel("Across", "Roughness", 1),
+    _channel("First", "Roughness", 0),
+    _channel("Second", "Roughness", 1),
+    # Of a base roughness of 0 both may be 0, whose ratio is no number.
+    _float("Along", "max", "First", LEAST),
+    _float("Across", "max", "Second", LEAST),
     _float("Product", "multiply", "Along", "Across"),
     Node("Both", "ND_sqrt_float", "sqrt", "float", (), (("in", "float", "Product"),)),
     _float("Ratio", "divide", "Across", "Along"),

@@ -13,17 +13,21 @@ from meshes import SmallMesh, deform
 from reference import slopes as reference
 from rhytid.domain.mesh import Mesh
 from rhytid.exports.textures.frame_map import Chart
-from rhytid.exports.textures.slope_terms import neighbour_codes, slope_terms
-from rhytid.exports.textures.tangents import Posed
+from rhytid.exports.textures.slope_codes import neighbour_codes
+from rhytid.exports.textures.tangents import Posed, joined
 from rhytid.exports.textures.writers import normal_map
+from rhytid.pipeline import slopes
 from rhytid.pipeline.locate import UdimTriangles
-from rhytid.pipeline.slopes import SlopeChart, SlopeStage, moments
+from rhytid.pipeline.slopes import Band, SlopeChart, SlopeWork, finest_moments, moments
+from rhytid.pipeline.tangents import TERMS, TangentMesh
 
 if TYPE_CHECKING:
     from rhytid.device.buffer import Buffer
     from rhytid.device.runtime import Device
 
 SIDE = 128
+# The flag of a triangle, in slope_terms.clh.
+SMOOTH = 29
 # Float32 beside double: slopes of this relief reach 1.
 CLOSE = 1e-5
 
@@ -41,10 +45,11 @@ class Scene(NamedTuple):
     inside: NDArray[np.bool_]
 
 
-@pytest.fixture(scope="module")
-def scene(device: Device, small_mesh: SmallMesh) -> Scene:
+@pytest.fixture(scope="module", params=[0.2, 0.01], ids=["bent", "smooth"])
+def scene(device: Device, small_mesh: SmallMesh, request: pytest.FixtureRequest) -> Scene:
+    """Of a mesh that bends much within a cell, and little."""
     mesh = Mesh(*small_mesh)
-    positions = deform(mesh.positions, 3)
+    positions = deform(mesh.positions, 3, request.param)
     rng = np.random.default_rng(5)
     heights = (0.008 * rng.standard_normal((SIDE, SIDE))).astype(np.float32)
     located = UdimTriangles(device, mesh, 1001, SIDE, 4)
@@ -53,24 +58,54 @@ def scene(device: Device, small_mesh: SmallMesh) -> Scene:
     chart = SlopeChart.of(device, triangles, neighbour_codes(mesh, 1001, triangles), (0, 0))
     surface = reference.surface(positions, mesh.faces, mesh.uv, mesh.face_uv)
     slopes, inside = reference.slopes(heights.astype(np.float64), triangles, surface)
-    terms = device.upload(slope_terms(mesh, posed, SIDE))
-    return Scene(mesh, posed, heights, triangles, chart, terms, slopes, inside)
+    frames = TangentMesh.of(device, mesh.faces, mesh.triangle_uv() * SIDE, *joined(mesh).numbers)
+    return Scene(
+        mesh, posed, heights, triangles, chart, frames.terms(device, positions), slopes, inside
+    )
 
 
-@pytest.mark.parametrize("level", range(1, 8))
-def test_moments_are_those_of_brute_force(device: Device, scene: Scene, level: int) -> None:
-    made = SlopeStage(device).levels(scene.chart, scene.terms, scene.heights)
-    side = SIDE >> level
-    sums = np.stack([_read(device, plane.buffers[level - 1], side) for plane in made.planes])
-    coverage = _read(device, scene.chart.coverage.buffers[level - 1], side)
+def test_the_scenes_take_both_ways(device: Device, scene: Scene) -> None:
+    """A triangle that bends much is turned texel by texel, others by a cubic."""
+    terms = device.read(scene.terms, (len(scene.mesh.faces), TERMS), np.float32)
+    assert 0.1 < terms[:, SMOOTH].mean() < 0.5
 
-    found = moments(sums, coverage)
 
-    wanted = reference.moments(scene.slopes, scene.inside, level)
-    assert np.abs(wanted).max() > 0.04
-    np.testing.assert_allclose(found, wanted, atol=CLOSE)
-    variance = found[..., 2:5:2] - found[..., :2] ** 2
-    assert variance.min() > -CLOSE
+@pytest.mark.parametrize("least", [1, 2])
+def test_moments_are_those_of_brute_force(device: Device, scene: Scene, least: int) -> None:
+    work = SlopeWork(device, SIDE, least)
+    work.take(Band.of(device, 0, scene.heights))
+    work.add(scene.chart, scene.terms)
+    made = work.finish()
+    for level in range(least, 8):
+        sums = made.read(device, level, 0, 0, SIDE >> level)
+        coverage = _read(device, scene.chart.coverage.buffers[level - 1], SIDE >> level)
+        found = moments(sums, coverage)
+
+        wanted = reference.moments(scene.slopes, scene.inside, level)
+        assert np.abs(wanted).max() > 0.04
+        np.testing.assert_allclose(found, wanted, atol=CLOSE)
+        variance = found[..., 2:5:2] - found[..., :2] ** 2
+        assert variance.min() > -CLOSE
+
+
+def test_strips_make_the_same_bits(
+    device: Device, scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the rows above and below a strip are in other bands."""
+    monkeypatch.setattr(slopes, "_AT_ONCE", SIDE * SIDE // 4)
+    codes = neighbour_codes(scene.mesh, 1001, scene.triangles)
+    chart = SlopeChart.of(device, scene.triangles, codes, (0, 0))
+    assert len(chart.strips) == 4
+    made = []
+    for of in (chart, scene.chart):
+        work, rows = SlopeWork(device, SIDE, 1), of.strips[0].rows
+        for row in range(0, SIDE, rows):
+            work.take(Band.of(device, row, scene.heights[row : row + rows]))
+            work.add(of, scene.terms)
+        made.append(work.finish())
+    for level in (1, 2, 7):
+        one, other = (levels.read(device, level, 0, 0, SIDE >> level) for levels in made)
+        np.testing.assert_array_equal(one, other)
 
 
 def test_level_0_is_the_slope_and_its_products(device: Device, scene: Scene) -> None:
@@ -78,7 +113,7 @@ def test_level_0_is_the_slope_and_its_products(device: Device, scene: Scene) -> 
     row, column, side = 32, 48, 32
     around = scene.heights[row - 1 : row + side + 1, column - 1 : column + side + 1]
 
-    found = SlopeStage(device).finest(scene.chart, scene.terms, around, row, column)
+    found = finest_moments(device, scene.chart, scene.terms, around, row, column)
 
     block = np.s_[row : row + side, column : column + side]
     assert 0 < scene.inside[block].mean() < 1

@@ -45,7 +45,7 @@ class DeviceAsset:
         self.drawing = DeviceDrawing(self.mesh, self.frames, grain, self.bins, self.neutral, events)
         self.finest = DeviceFinest(self.mesh, self.drawing)
         self.levels = DeviceLevels(self.mesh, self.finest)
-        self.slopes = DeviceSlopes(self.mesh)
+        self.slopes = DeviceSlopes(self.mesh, self.finest)
 
     def make(self, deferred: DeferredWork) -> None:
         """Do the work that a task deferred, unless it is done by now, and keep its result; on a

@@ -112,15 +112,14 @@ class TileService(Tiles):
         query: MapQuery,
         place: MapAddress,
         heights: Tile,
-        terms: NDArray[np.float32],
     ) -> tuple[Tile, Tile]:
         """(n, n, 5) moments of slopes of a whole level of a UDIM, 0 where no triangle is, and (n,
         n) the share of each texel that has one. Raises what `plan` does.
 
-        heights: (R, R) displacement of level 0, drawn already.  terms: `slope_terms` of the frame.
+        heights: (R, R) displacement of level 0, drawn already.
         """
         found = self._assets.get(asset)
-        return self._slopes.of_heights(found, frame, query, place, heights, terms)
+        return self._slopes.of_heights(found, frame, query, place, heights)
 
     def cushion_lines(self, asset: str, udim: int) -> LineSources:
         """What the wrinkles of a UDIM answer to stretch by; raises NotFoundError where an asset has

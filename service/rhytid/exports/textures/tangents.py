@@ -39,14 +39,14 @@ class Posed:
     def of(cls, mesh: Mesh, positions: NDArray[np.float32]) -> Posed:
         """The surface of a mesh in a frame with positions (V, 3)."""
         corners = positions.astype(np.float64)[mesh.faces]
-        joined = _joined(mesh)
-        places, signs = joined.places, joined.signs
+        shared = joined(mesh)
+        places, signs = shared.places, shared.signs
         du, dv = _derivatives(mesh, corners)
         along = unit(du)
         across = unit(dv - dot(dv, along) * along)
         scale = np.concatenate([dot(du, along), dot(dv, along), dot(dv, across)], axis=1)
         normals = vertex_normals(corners, places)
-        tangents = _tangents(corners, joined, normals, along)
+        tangents = _tangents(corners, shared, normals, along)
         return cls(normals, tangents, signs, along, across, scale)
 
 
@@ -58,7 +58,7 @@ def vertex_normals(corners: FloatArray, places: IntArray) -> FloatArray:
 
 
 def _tangents(
-    corners: FloatArray, joined: _Joined, normals: FloatArray, along: FloatArray
+    corners: FloatArray, joined: JoinedCorners, normals: FloatArray, along: FloatArray
 ) -> FloatArray:
     """As mikktspace.c: dP/du of each triangle, brought into the plane of the vertex normal, of unit
     length, weighted by the angle in that plane, summed where position, normal, UV and side agree.
@@ -72,7 +72,7 @@ def _tangents(
 
 
 @dataclass(frozen=True, eq=False)
-class _Joined:
+class JoinedCorners:
     """What is the same in every frame of a mesh, and takes longer than the rest.
 
     places (F, 3): of corners, numbers of places in space.  vertices (F, 3): numbers of those whose
@@ -83,11 +83,16 @@ class _Joined:
     vertices: IntArray
     signs: FloatArray
 
+    @property
+    def numbers(self) -> tuple[IntArray, IntArray, FloatArray]:
+        """All of them."""
+        return self.places, self.vertices, self.signs
 
-_OF_MESH: WeakKeyDictionary[Mesh, _Joined] = WeakKeyDictionary()
+
+_OF_MESH: WeakKeyDictionary[Mesh, JoinedCorners] = WeakKeyDictionary()
 
 
-def _joined(mesh: Mesh) -> _Joined:
+def joined(mesh: Mesh) -> JoinedCorners:
     """Kept as long as the mesh is. Threads that come at once each make the same."""
     found = _OF_MESH.get(mesh)
     if found is None:
@@ -95,14 +100,14 @@ def _joined(mesh: Mesh) -> _Joined:
     return found
 
 
-def _join(mesh: Mesh) -> _Joined:
+def _join(mesh: Mesh) -> JoinedCorners:
     places = welded(mesh)[mesh.faces]
     signs = np.sign(_uv_area(mesh)[:, 0]) * mesh.triangles_with_uv()
     _, uv = np.unique(mesh.uv, axis=0, return_inverse=True)
     key = np.stack([places, uv.reshape(-1)[mesh.face_uv], np.broadcast_to(signs[:, None] > 0,
                     places.shape)], axis=-1)  # fmt: skip
     _, vertex = np.unique(key.reshape(-1, 3), axis=0, return_inverse=True)
-    return _Joined(places, vertex.reshape(places.shape), signs)
+    return JoinedCorners(places, vertex.reshape(places.shape), signs)
 
 
 def _uv_area(mesh: Mesh) -> FloatArray:
