@@ -8,7 +8,7 @@ import shutil
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
 
 import face_data
 from engine.engines import BINNED, REDRAW, built, draw, running
@@ -28,7 +29,8 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.residual import Residual
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.engine import Engine
-from rhytid.engine.messages import NewAsset
+from rhytid.engine.messages import SLOPES, NewAsset
+from rhytid.exports.textures.frame_map import local_edges, texels_inside
 from rhytid_lab.samples.face import procedural_face
 from viewer.looking import Look
 
@@ -127,6 +129,59 @@ def test_stretch_is_that_of_the_reference(both: Both) -> None:
     along = np.abs((found[:, :4].reshape(-1, 2, 2) * axes).sum(-1))[clear]
     assert clear.sum() > 1000
     assert (1 - along).max() < 1e-4
+
+
+def test_moments_are_those_of_the_service(both: Both) -> None:
+    """Of texels within one triangle and off the border of the chart, by the triangle's metric: what
+    does not change with the tangent frame, and the direction beside dP/du, from which T turns."""
+    positions = both.pose([0.7, 0.0, 0.6, 0.0, 0.3, 0.0, 0.0, 0.0]).astype(float)
+    level, side = 2, 128
+    query = replace(BINNED, layer=SLOPES)
+    wanted = both.engine.tiles.plan_map(both.asset, "f", query, UDIM, level).draw()
+    mine = both.read("moments", UDIM, level).reshape(side, side, 5).astype(float)
+    triangles = both.engine.tiles.triangles(both.asset, UDIM)
+    inside = texels_inside(
+        triangles.clip(0, len(both.mesh.faces) - 1), local_edges(both.mesh, UDIM)
+    )
+    triangles = np.where(minimum_filter(inside, 3), triangles, -1)
+    blocks = triangles.reshape(side, 4, side, 4).swapaxes(1, 2).reshape(side, side, 16)
+    whole = (blocks == blocks[..., :1]).all(-1) & (blocks[..., 0] >= 0)
+    assert whole.sum() > 500
+
+    got = on_triangles(mine[whole], both.mesh, positions, blocks[whole][:, 0])
+    want = [np.moveaxis(wanted[whole], -1, 0)[k] for k in range(5)]
+    largest = np.abs(wanted[whole]).max(axis=0)
+    for mine_is, theirs in zip(invariants(*got), invariants(*want), strict=True):
+        assert np.abs(mine_is - theirs).max() < 3e-3 * np.abs(theirs).max()
+    assert largest.min() > 0.002
+    turn = [np.angle(x + 1j * y) for x, y in (got[:2], want[:2])]
+    off = np.abs(np.angle(np.exp(1j * (turn[0] - turn[1]))))
+    assert np.median(off[np.hypot(*want[:2]) > 0.02]) < np.radians(1)
+
+
+def on_triangles(
+    moments: NDArray[np.float64], mesh: Mesh, positions: Any, triangles: Any
+) -> list[NDArray[np.float64]]:
+    """Moments (n, 5) by column and row, over the side of the map, along dP/du and across it."""
+    corners, uv = positions[mesh.faces[triangles]], mesh.uv[mesh.face_uv[triangles]]
+    edges = (corners[:, 1:] - corners[:, :1]), (uv[:, 1:] - uv[:, :1])
+    du, dv = np.moveaxis(np.linalg.solve(edges[1], edges[0]), 1, 0)
+    along = du / np.linalg.norm(du, axis=1, keepdims=True)
+    lean = (dv * along).sum(1)
+    across = np.linalg.norm(dv - lean[:, None] * along, axis=1)
+    first, rows = np.linalg.norm(du, axis=1), np.zeros((len(du), 2, 2))
+    rows[:, 0, 0] = 1 / first
+    rows[:, 1] = np.stack([-lean / first / across, -1 / across], axis=1)  # rows go down
+    mean = np.einsum("nij,nj->ni", rows, moments[:, :2])
+    products = moments[:, [2, 3, 3, 4]].reshape(-1, 2, 2)
+    xx, xy, _, yy = (rows @ products @ rows.swapaxes(1, 2)).reshape(-1, 4).T
+    return [*mean.T, xx, xy, yy]
+
+
+def invariants(x: Any, y: Any, xx: Any, xy: Any, yy: Any) -> tuple[Any, ...]:
+    """Of moments: what a turn of the axes leaves."""
+    by = x * x * xx + 2 * x * y * xy + y * y * yy
+    return x * x + y * y, xx + yy, np.sqrt((xx * yy - xy * xy).clip(0)), by
 
 
 def test_a_probe_reads_the_map_and_the_stretch(both: Both) -> None:

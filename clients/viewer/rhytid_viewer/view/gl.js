@@ -248,24 +248,27 @@ export class Textures {
   }
 }
 
-/** A framebuffer over one texture. */
+/** A framebuffer over one texture, or more that are filled at once. */
 export class Target {
   /**
    * @param {WebGL2RenderingContext} gl
    * @param {WebGLTexture} texture
    * @param {number} width
    * @param {number} height
-   * @param {boolean} [depth] whether it is of depths
+   * @param {{depth?: boolean, beside?: WebGLTexture[]}} [what] whether it is of depths; what else is filled
    */
-  constructor(gl, texture, width, height, depth = false) {
+  constructor(gl, texture, width, height, { depth = false, beside = [] } = {}) {
     this._gl = gl;
     this.texture = texture;
+    this.beside = beside;
     this.width = width;
     this.height = height;
     this._framebuffer = gl.createFramebuffer();
     gl.bindFramebuffer(gl.FRAMEBUFFER, this._framebuffer);
     const point = depth ? gl.DEPTH_ATTACHMENT : gl.COLOR_ATTACHMENT0;
     gl.framebufferTexture2D(gl.FRAMEBUFFER, point, gl.TEXTURE_2D, texture, 0);
+    beside.forEach((one, i) => gl.framebufferTexture2D(gl.FRAMEBUFFER, point + i + 1, gl.TEXTURE_2D, one, 0));
+    if (beside.length > 0) gl.drawBuffers([texture, ...beside].map((_, i) => point + i));
     if (gl.checkFramebufferStatus(gl.FRAMEBUFFER) !== gl.FRAMEBUFFER_COMPLETE)
       throw new Unsupported('The graphics here cannot draw into textures that the viewer needs.');
   }

@@ -26,9 +26,21 @@ export class ReliefMaps {
     this._maps = new Map();
   }
 
-  /** Of a UDIM that was drawn. @param {number} udim */
-  texture(udim) {
-    return this._maps.get(udim)?.target.texture;
+  /** Heights and slopes, and the products of slopes, of a UDIM that was drawn. @param {number} udim */
+  textures(udim) {
+    const target = this._maps.get(udim)?.target;
+    return target && { relief: target.texture, moments: target.beside[0] };
+  }
+
+  /**
+   * Moments of slopes of a whole UDIM, as `Slopes.read` has them.
+   * @param {number} udim @param {number} level @param {Float32Array} stretch of the pose
+   */
+  moments(udim, level, stretch) {
+    const cells = Array.from({ length: this._across ** 2 }, (_, at) => at);
+    const { target } = this._of(udim);
+    this.draw(cells.map((at) => ({ udim, level: 0, row: Math.floor(at / this._across), column: at % this._across })), stretch);
+    return this._slopes.read(target, level);
   }
 
   /** The pose is another one. */
@@ -67,7 +79,7 @@ export class ReliefMaps {
   _of(udim) {
     let found = this._maps.get(udim);
     if (!found) {
-      found = { target: this._slopes.room(this._resolution), stale: new Uint8Array(this._across ** 2).fill(1) };
+      found = { target: this._slopes.room(this._resolution, true), stale: new Uint8Array(this._across ** 2).fill(1) };
       this._maps.set(udim, found);
     }
     return found;

@@ -29,7 +29,7 @@ export class Shadow {
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_COMPARE_MODE, gl.COMPARE_REF_TO_TEXTURE);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.LINEAR);
-    this._target = new Target(gl, this.texture, SIDE, SIDE, true);
+    this._target = new Target(gl, this.texture, SIDE, SIDE, { depth: true });
     this._program = new Program(gl, 'shadow', VERTEX, FRAGMENT);
     this._corners = mesh.vertexArray(this._program);
     this.matrix = new Float32Array(16);

@@ -138,6 +138,13 @@ export class SkinView {
     return this._heights.read(udim);
   }
 
+  /** Moments of the slopes of a UDIM by the fast method, five of every texel of a level, row 0 at the
+   * top: mean slopes by column and row, and the means of their products xx, xy, yy; mesh units over the
+   * side of the map. @param {number} udim @param {number} level @returns {Float32Array} */
+  moments(udim, level) {
+    return this._relief.posed.moments(udim, level, this._pose.stretch);
+  }
+
   /** Log stretch and axes of the pose, in the layout of the package's stretch.js.
    * @returns {Float32Array} */
   stretch() {
@@ -287,14 +294,17 @@ export class SkinView {
   /** @param {number} udim @param {number} level of tiles @param {Record<string, number | ArrayLike<number>>} uniforms */
   _texturesOf(udim, level, uniforms) {
     const { method } = this._options;
-    const shown = this._relief[method === 'neutral' ? 'neutral' : 'posed'].texture(udim);
+    const shown = this._relief[method === 'neutral' ? 'neutral' : 'posed'].textures(udim);
     if (!shown) throw new Error(`nothing is drawn of UDIM ${udim}`);
     const tiles = method === 'exact' ? this._exact.of(udim, level) : null;
     uniforms.u_with_tiles = Number(tiles !== null);
+    const neutral = this._relief.neutral.textures(udim) ?? shown;
     return {
-      u_relief: shown,
-      u_neutral_relief: this._relief.neutral.texture(udim) ?? shown,
-      u_tiles: tiles?.tiles ?? shown,
+      u_relief: shown.relief,
+      u_moments: shown.moments,
+      u_neutral_relief: neutral.relief,
+      u_neutral_moments: neutral.moments,
+      u_tiles: tiles?.tiles ?? shown.relief,
       u_present: tiles?.present ?? this._nothing,
       u_shadow: this._shadow.texture,
       u_stretch: this._heights.stretch,

@@ -2,6 +2,7 @@
 
 import { Program } from './gl.js';
 import { MESH, MeshTextures } from './mesh_textures.js';
+import { PARTS } from './relief.js';
 
 const VERTEX = `#version 300 es
 ${MESH}
@@ -48,8 +49,10 @@ precision highp int;
 precision highp sampler2D;
 precision highp sampler2DShadow;
 precision highp usampler2D;
-uniform sampler2D u_relief;         // height, slopes, square of the slope
+uniform sampler2D u_relief;         // height, slopes, the share of skin
+uniform sampler2D u_moments;        // products of slopes
 uniform sampler2D u_neutral_relief;
+uniform sampler2D u_neutral_moments;
 uniform sampler2D u_tiles;          // as u_relief, of one level
 uniform usampler2D u_present;       // 1 where a tile is there
 uniform bool u_with_tiles;
@@ -99,17 +102,34 @@ vec2 magnified(sampler2D relief, vec2 uv, float side) {
               fallen.y * (low.x * (H(p0.x, q0.y) - H(p0.x, q1.y)) + high.x * (H(p1.x, q0.y) - H(p1.x, q1.y))));
 }
 
-// Of a map: height, the slopes by u and v, and the square of slope that its levels have lost.
-vec4 relief_of(sampler2D relief, vec2 uv, vec2 dx, vec2 dy) {
-  float side = float(textureSize(relief, 0).x);
+// Slopes by u and v, and products of slopes that its levels have lost: uu, uv, vv.
+struct Relief {
+  float height;
+  vec2 slope;
+  vec3 lost;
+};
+
+const float PARTS = float(${PARTS});
+
+float texels_of(float side, vec2 dx, vec2 dy) { return side * max(length(dx), length(dy)); }
+
+Relief relief_of(sampler2D relief, vec2 uv, vec2 dx, vec2 dy) {
+  float side = float(textureSize(relief, 0).x), texels = texels_of(side, dx, dy);
   vec4 found = textureGrad(relief, uv, dx, dy);
-  float lost = max(found.w - dot(found.yz, found.yz), 0.0);
-  float texels = side * max(length(dx), length(dy));
-  if (texels < 1.0) {
-    found.yz = mix(magnified(relief, uv, side), found.yz, smoothstep(0.7, 1.0, texels));
-    lost *= smoothstep(0.5, 1.0, texels);
-  }
-  return vec4(found.x, found.yz * side, lost * side * side);
+  vec2 slope = PARTS * found.yz / max(found.w, 1e-3);
+  vec3 mean = vec3(slope.x * slope, slope.y * slope.y);
+  if (texels < 1.0) slope = mix(side * magnified(relief, uv, side), slope, smoothstep(0.7, 1.0, texels));
+  return Relief(found.x, slope, -mean);
+}
+
+Relief with_moments(Relief relief, sampler2D moments, vec2 uv, vec2 dx, vec2 dy) {
+  vec4 found = textureGrad(moments, uv, dx, dy);
+  vec3 lost = relief.lost + PARTS * PARTS * found.xyz / max(found.w, 1e-3);
+  lost.xz = max(lost.xz, 0.0);
+  float most = sqrt(lost.x * lost.z);
+  lost.y = clamp(lost.y, -most, most);
+  lost *= smoothstep(0.5, 1.0, texels_of(float(textureSize(moments, 0).x), dx, dy));
+  return Relief(relief.height, relief.slope, lost);
 }
 
 float lit_share() {
@@ -122,18 +142,26 @@ float lit_share() {
   return sum / 9.0;
 }
 
-float lobe(float nh, float alpha2) {
-  float d = nh * nh * (alpha2 - 1.0) + 1.0;
-  return alpha2 / (PI * d * d);
+// Microfacets of GGX whose square of alpha is a symmetric matrix in the plane of the normal: that of the
+// lobe for all directions alike, and twice the covariance of the slopes that are lost.
+float lobe(vec3 h, mat2 alpha2) {
+  float size = determinant(alpha2), x = dot(h.xy, alpha2[0] * h.x + alpha2[1] * h.y);
+  // h A^-1 h, by the trace of A: A^-1 = (trace - A) / determinant
+  float d = ((alpha2[0].x + alpha2[1].y) * dot(h.xy, h.xy) - x) / size + h.z * h.z;
+  return 1.0 / (PI * sqrt(size) * d * d);
 }
 
-// Light of a lobe of microfacets that comes back, over its cosine to the light.
-float shine(vec3 n, vec3 v, vec3 l, float alpha2) {
+float hidden(vec3 w, mat2 alpha2) { return sqrt(dot(w.xy, alpha2 * w.xy) + w.z * w.z); }
+
+// Light of a lobe that comes back, over its cosine to the light. Directions are along the axes of the
+// covariance and the normal.
+float shine(vec3 v, vec3 l, float alpha2, mat2 covariance) {
+  mat2 all = mat2(alpha2) + 2.0 * covariance;
   vec3 h = normalize(l + v);
-  float nl = max(dot(n, l), 0.0), nv = max(dot(n, v), 0.05);
-  float seen = 0.5 / (nl * sqrt(nv * nv * (1.0 - alpha2) + alpha2) + nv * sqrt(nl * nl * (1.0 - alpha2) + alpha2) + 1e-4);
+  float nl = max(l.z, 0.0), nv = max(v.z, 0.05);
+  float seen = 0.5 / (nl * hidden(vec3(v.xy, nv), all) + nv * hidden(vec3(l.xy, nl), all) + 1e-4);
   float fresnel = 0.028 + 0.972 * pow(1.0 - max(dot(v, h), 0.0), 5.0);
-  return nl * seen * fresnel * lobe(max(dot(n, h), 0.0), alpha2);
+  return nl * seen * fresnel * lobe(vec3(h.xy, max(h.z, 0.0)), all);
 }
 
 vec3 wrapped(float cosine, vec3 wrap) {
@@ -165,32 +193,40 @@ void main() {
     o_colour = vec4(srgb(vec3(0.018, 0.014, 0.013) * (0.6 + 0.4 * abs(dot(n, v)))), 1.0);
     return;
   }
-  vec4 relief;
-  if (gl_FragCoord.x < u_split) relief = relief_of(u_neutral_relief, v_uv, dx, dy);
+  Relief relief;
+  if (gl_FragCoord.x < u_split)
+    relief = with_moments(relief_of(u_neutral_relief, v_uv, dx, dy), u_neutral_moments, v_uv, dx, dy);
   else {
-    relief = relief_of(u_relief, v_uv, dx, dy);
-    if (u_with_tiles && texelFetch(u_present, ivec2(v_uv * vec2(textureSize(u_present, 0))), 0).r > 0u)
-      relief.xyz = relief_of(u_tiles, v_uv, dx, dy).xyz;
+    relief = with_moments(relief_of(u_relief, v_uv, dx, dy), u_moments, v_uv, dx, dy);
+    if (u_with_tiles && texelFetch(u_present, ivec2(v_uv * vec2(textureSize(u_present, 0))), 0).r > 0u) {
+      Relief exact = relief_of(u_tiles, v_uv, dx, dy);
+      relief = Relief(exact.height, exact.slope, relief.lost);
+    }
   }
   // The gradient on the surface, without what points off it.
-  vec3 slope = u_unit * (relief.y * v_along_u + relief.z * v_along_v);
+  vec3 slope = u_unit * (relief.slope.x * v_along_u + relief.slope.y * v_along_v);
   slope -= dot(slope, n) * n;
   slope /= sqrt(1.0 + dot(slope, slope) / 4.0);
-  float rough = 0.5 * u_unit * u_unit * relief.w * 0.5 * (dot(v_along_u, v_along_u) + dot(v_along_v, v_along_v));
-  rough = min(rough, 0.3);
   vec3 bumpy = normalize(n - slope), soft = normalize(n - 0.8 * slope);
+  vec3 along = v_along_u - dot(v_along_u, bumpy) * bumpy;
+  along /= sqrt(max(dot(along, along), 1e-30));
+  mat3 axes = mat3(along, cross(bumpy, along), bumpy);
+  mat2 on_axes = u_unit * mat2((v_along_u * axes).xy, (v_along_v * axes).xy);
+  mat2 covariance = on_axes * mat2(relief.lost.xy, relief.lost.yz) * transpose(on_axes);
+  covariance *= min(1.0, 0.6 / max(covariance[0].x + covariance[1].y, 1e-9));
   float smooth_cosine = dot(n, u_light);
   float lit = lit_share() * smoothstep(-0.12, 0.1, smooth_cosine);
 
   vec3 skin = u_colours ? stretch_colour(v_stretch) : SKIN;
   const vec3 WRAP = vec3(0.16, 0.08, 0.06);
   vec3 key = vec3(wrapped(dot(soft, u_light), WRAP).r, wrapped(dot(bumpy, u_light), WRAP).gb);
-  float cavity = clamp(1.0 + u_cavity * relief.x, 0.5, 1.1);
+  float cavity = clamp(1.0 + u_cavity * relief.height, 0.5, 1.1);
   float half_ = 0.5 + 0.5 * dot(bumpy, u_fill);
   vec3 around = mix(GROUND, SKY, 0.5 + 0.5 * bumpy.y) + FILL * half_ * half_;
   vec3 colour = skin * (LIGHT * lit * key + cavity * around);
-  float gloss = 0.6 * shine(bumpy, v, u_light, 0.09 + 2.0 * rough) + 0.4 * shine(bumpy, v, u_light, 0.025 + 2.0 * rough);
-  colour += (u_colours ? 0.4 : 1.0) * (SHINE * lit * gloss + 2.0 * FILL * shine(bumpy, v, u_fill, 0.12 + 2.0 * rough));
+  vec3 to_eye = v * axes, to_light = u_light * axes;
+  float gloss = 0.6 * shine(to_eye, to_light, 0.09, covariance) + 0.4 * shine(to_eye, to_light, 0.025, covariance);
+  colour += (u_colours ? 0.4 : 1.0) * (SHINE * lit * gloss + 2.0 * FILL * shine(to_eye, u_fill * axes, 0.12, covariance));
   float grazing = pow(1.0 - max(dot(bumpy, v), 0.0), 5.0);
   colour += cavity * (0.02 + 0.25 * grazing) * SKY;
   o_colour = vec4(srgb(colour), 1.0);
