@@ -51,7 +51,7 @@ def test_the_manifest_fits_its_schema_and_names_every_file(written: Written) -> 
     shaders = [
         f
         for s in found.shaders.values()
-        for f in (*s.libraries.values(), s.vertex, *s.passes.values())
+        for f in (*s.libraries.values(), s.vertex, *s.passes.values(), *s.moments.values())
     ]
     assert found.cushion is not None
     assert found.stretch.folds is not None

@@ -77,9 +77,9 @@ def test_members_of_a_struct_become_those_of_wgsl() -> None:
     assert found == "struct A {\n    x: vec2<f32>, // said\n};\n    var y: vec2<f32>;\n"
 
 
-@pytest.mark.parametrize("name", ["weights.glsl", "skin.glsl", "stretch.glsl"])
+@pytest.mark.parametrize("name", ["weights", "skin", "stretch", "slopes", "shine"])
 def test_the_source_keeps_to_the_common_subset(name: str) -> None:
-    for line in runtime(name).splitlines():
+    for line in runtime(f"{name}.glsl").splitlines():
         code = line.partition("//")[0].rstrip()
         assert "?" not in code, line
         assert not re.match(r"\s+(float|int|vec\d|ivec2) \w+(, | = [^(]*, \w+ =)", code), line
@@ -95,6 +95,7 @@ def test_no_words_of_another_language_are_left(written: Written) -> None:
     for language, words in left.items():
         shaders = manifest["shaders"][language]
         files = [*shaders["libraries"].values(), shaders["vertex"], *shaders["passes"].values()]
+        files += shaders["moments"].values()
         for file in (*files, manifest["stretch"]["compute"][language]):
             text = re.sub(r"//.*", "", (written.folder / file).read_text())
             found = {one[0] for one in re.finditer(words, text)}
@@ -108,7 +109,8 @@ def test_every_texture_has_a_binding(written: Written) -> None:
     bindings = manifest["shaders"]["wgsl"]["bindings"]
     assert list(bindings) == [name for name in BINDINGS if name != RESIDUAL]
     declared = set()
-    for file in manifest["shaders"]["wgsl"]["passes"].values():
+    shaders = manifest["shaders"]["wgsl"]
+    for file in (*shaders["passes"].values(), *shaders["moments"].values()):
         text = (written.folder / file).read_text()
         for number, name in re.findall(r"@binding\((\d+)\) var (\w+)", text):
             assert bindings[name] == int(number)

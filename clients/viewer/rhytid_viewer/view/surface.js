@@ -185,6 +185,7 @@ vec3 srgb(vec3 x) {
 
 void main() {
   vec2 dx = dFdx(v_uv), dy = dFdy(v_uv);
+  vec3 bend_x = dFdx(v_normal), bend_y = dFdy(v_normal);
 #if CROSSING
   if (v_crosses > 0.5 && (any(lessThan(v_uv, vec2(0.0))) || any(greaterThanEqual(v_uv, vec2(1.0))))) discard;
 #endif
@@ -213,6 +214,9 @@ void main() {
   mat3 axes = mat3(along, cross(bumpy, along), bumpy);
   mat2 on_axes = u_unit * mat2((v_along_u * axes).xy, (v_along_v * axes).xy);
   mat2 covariance = on_axes * mat2(relief.lost.xy, relief.lost.yz) * transpose(on_axes);
+  // What the mesh bends over a pixel, whose variance is a twelfth of its square along both sides.
+  vec2 bent_x = (bend_x * axes).xy, bent_y = (bend_y * axes).xy;
+  covariance += (outerProduct(bent_x, bent_x) + outerProduct(bent_y, bent_y)) / 12.0;
   covariance *= min(1.0, 0.6 / max(covariance[0].x + covariance[1].y, 1e-9));
   float smooth_cosine = dot(n, u_light);
   float lit = lit_share() * smoothstep(-0.12, 0.1, smooth_cosine);

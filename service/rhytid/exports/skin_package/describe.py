@@ -205,6 +205,10 @@ def _folds(maps: SkinMaps, mesh: Mesh) -> m.Folds | None:
     )
 
 
+# Functions alone.
+_LIBRARIES = ("weights", "skin", "shine")
+
+
 def _shaders(dialect: str, written: PackageTextures) -> m.Shaders:
     broad = [] if written.cushions is None else ["lines", "cushion"]
     passes = ["weights", *broad, "height"]
@@ -214,8 +218,9 @@ def _shaders(dialect: str, written: PackageTextures) -> m.Shaders:
     language = LANGUAGES[dialect]
     folder, suffix = f"shaders/{dialect}", language.suffix
     return m.Shaders(
-        libraries={name: f"shaders/{name}.{language.ending}" for name in ("weights", "skin")},
+        libraries={name: f"shaders/{name}.{language.ending}" for name in _LIBRARIES},
         vertex=f"{folder}/full.vert{suffix}",
         passes={name: f"{folder}/{name}.frag{suffix}" for name in passes},
+        moments={name: f"{folder}/{name}.frag{suffix}" for name in ("slopes", "products")},
         bindings=names if dialect == "wgsl" else None,
     )

@@ -38,7 +38,7 @@ _WGSL = {
     "sampler2DArray": "texture_2d_array<f32>",
     "sampler2D": "texture_2d<f32>",
 }
-_TYPE = rf"({'|'.join(_WGSL)}|RhytidStretch|RhytidTriangle)"
+_TYPE = rf"({'|'.join(_WGSL)}|RhytidStretch|RhytidTriangle|RhytidShine)"
 _FUNCTION = re.compile(rf"{_TYPE} (\w+)\((.*)\)")
 _UNIFORM = re.compile(rf"uniform {_TYPE} (\w+);(.*)")
 _GLOBAL = re.compile(rf"const {_TYPE} (\w+) = (.*)")
@@ -169,6 +169,7 @@ BINDINGS = (
     "rhytid_cushion_stretch",
     "rhytid_cushion",
     RESIDUAL,
+    "rhytid_heights",
 )
 
 

@@ -185,9 +185,14 @@ class Mesh(_Part):
 class Shaders(_Part):
     """A shader text in one language: passes in the order in which they run."""
 
-    libraries: dict[str, str] = Field(description="functions alone: weights, and the rest")
+    libraries: dict[str, str] = Field(
+        description="functions alone: weights; skin, the rest of the passes; shine, for materials"
+    )
     vertex: str
     passes: dict[str, str]
+    moments: dict[str, str] = Field(
+        default={}, description="passes after height, for shine: slopes, and their products"
+    )
     bindings: dict[str, int] | None = Field(description="of the textures in group 0, in WGSL")
 
 

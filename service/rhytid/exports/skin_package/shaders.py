@@ -66,6 +66,9 @@ def shader_texts(manifest: Manifest) -> dict[str, str]:
         for one, file in shaders.passes.items():
             functions = libraries["weights" if one in ("weights", "lines") else "skin"]
             found[file] = f"{language.head}{functions}{entry(language, one)}"
+        slopes = _of_slopes(manifest, language)
+        for one, file in shaders.moments.items():
+            found[file] = f"{language.head}{slopes}{entry(language, one)}"
     for name, file in manifest.stretch.compute.items():
         found[file] = stretch_text(manifest, COMPUTE[name])
     return found
@@ -86,12 +89,35 @@ def stretch_text(manifest: Manifest, language: Language) -> str:
 
 
 def library(manifest: Manifest, language: Language, name: str) -> str:
-    """The library `weights` or `skin`: its functions, with the constants and textures that they
-    read."""
+    """The library `weights`, `skin` or `shine`: its functions, with the constants and textures that
+    they read."""
+    if name == "shine":
+        unit = _constant(language, "SLOPE_UNIT", slope_unit(manifest))
+        return f"{unit}\n\n{language.translated(runtime('shine.glsl'))}\n"
     text = f"{runtime('scale.glsl')}\n{runtime(f'{name}.glsl')}"
     source = preprocessed(text, flags(manifest))
     load = runtime_text(language, "load.txt")
     return f"{constants(manifest, language)}\n{load}\n{language.translated(source)}\n"
+
+
+def _of_slopes(manifest: Manifest, language: Language) -> str:
+    """The functions of the passes that make moments of slopes."""
+    numbers: list[tuple[str, Number]] = [
+        ("RESOLUTION", manifest.resolution),
+        ("PAGE", manifest.triangles.size),
+        ("PAGES_A_ROW", manifest.triangles.pages_a_row),
+        ("TRIANGLES", manifest.stretch.triangles),
+        ("SLOPE_UNIT", slope_unit(manifest)),
+    ]
+    said = "\n".join(_constant(language, name, value) for name, value in numbers)
+    load = runtime_text(language, "load.txt")
+    return f"{said}\n\n{load}\n{language.translated(runtime('slopes.glsl'))}\n"
+
+
+def slope_unit(manifest: Manifest) -> float:
+    """What 1 of the texture of slopes is, mesh units over the side of a map: so half floats have
+    them well, of every resolution."""
+    return 128.0 * manifest.scale
 
 
 def entry(language: Language, name: str) -> str:
