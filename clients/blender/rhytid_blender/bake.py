@@ -43,11 +43,15 @@ class RHYTID_OT_bake(Worker, bpy.types.Operator):
             return updating.positions(obj, updating.graph_of(scene, obj))
 
         try:
-            yield from baking(connection.server(), ours(obj).asset, maps, positions, drawing)
+            server, asset = connection.server(), ours(obj).asset
+            shine = ours(obj).roughness if ours(obj).shine else None
+            yield from baking(server, asset, maps, positions, drawing, shine)
         finally:
             with state.quiet():
                 scene.frame_set(shown)
         offline.opened(obj, maps)
+        if ours(obj).shine:
+            offline.shine(obj, maps)
         count = "1 frame" if len(maps.frames) == 1 else f"{len(maps.frames)} frames"
         self.report({"INFO"}, f"{count} in {Path(maps.pattern).parent}")
 

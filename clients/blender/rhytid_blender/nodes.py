@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import pi
 from typing import Any
 
 import bpy
@@ -14,6 +15,7 @@ from .words import shared
 
 # By these names they are found again.
 UV, TEXTURE, GREEN, SUM = "rhytid uv", "rhytid map", "rhytid green", "rhytid sum"
+SHINE = "rhytid shine"
 
 
 def set_up(obj: bpy.types.Object) -> list[str]:
@@ -55,9 +57,57 @@ def play(obj: bpy.types.Object, count: int, start: int, first: int) -> None:
     Blender shows the file of number frame - frame_start + 1 + frame_offset.
     """
     for tree in trees(obj):
-        user = tree.nodes[TEXTURE].image_user
-        user.frame_duration, user.frame_start, user.frame_offset = count, start, first - 1
-        user.use_cyclic, user.use_auto_refresh = False, True
+        for name in (TEXTURE, SHINE):
+            if name in tree.nodes:
+                user = tree.nodes[name].image_user
+                user.frame_duration, user.frame_start = count, start
+                user.frame_offset = first - 1
+                user.use_cyclic, user.use_auto_refresh = False, True
+
+
+def connect_shine(obj: bpy.types.Object, image: bpy.types.Image) -> None:
+    """Give roughness, anisotropy and its direction of each Principled BSDF of the object from an
+    image of `baking`; what was linked there is replaced. Raises Trouble where there is none."""
+    shaders = [
+        (tree, node) for tree in trees(obj) for node in tree.nodes if node.type == "BSDF_PRINCIPLED"
+    ]
+    if not shaders:
+        raise Trouble(f"No material of '{obj.name}' has a Principled BSDF: shine is not connected")
+    for tree, shader in shaders:
+        _shine(tree, shader, image, ours(obj).uv_map)
+
+
+def _shine(tree: Any, shader: Any, image: bpy.types.Image, uv_map: str) -> None:
+    """Anisotropy is the length of (2 green - 1, 2 blue - 1), the axis has half their angle: as such
+    they are filtered without the jump that an angle has."""
+    link = tree.links.new
+    uv = _node(tree, UV, "ShaderNodeUVMap", shader, -950)
+    texture = _node(tree, SHINE, "ShaderNodeTexImage", shader, -750)
+    red = _node(tree, f"{SHINE} red", "ShaderNodeSeparateColor", shader, -450)
+    axis = _node(tree, f"{SHINE} axis", "ShaderNodeVectorMath", shader, -450)
+    length = _node(tree, f"{SHINE} length", "ShaderNodeVectorMath", shader, -300)
+    parts = _node(tree, f"{SHINE} parts", "ShaderNodeSeparateXYZ", shader, -300)
+    angle = _node(tree, f"{SHINE} angle", "ShaderNodeMath", shader, -200)
+    turns = _node(tree, f"{SHINE} turns", "ShaderNodeMath", shader, -100)
+    tangent = _node(tree, f"{SHINE} tangent", "ShaderNodeTangent", shader, -100)
+    texture.image, texture.interpolation, texture.extension = image, "Linear", "EXTEND"
+    uv.uv_map = tangent.uv_map = uv_map
+    axis.operation, length.operation, tangent.direction_type = "MULTIPLY_ADD", "LENGTH", "UV_MAP"
+    axis.inputs[1].default_value, axis.inputs[2].default_value = (0, 2, 2), (0, -1, -1)
+    angle.operation, turns.operation = "ARCTAN2", "MULTIPLY"
+    turns.inputs[1].default_value = 1.0 / (4.0 * pi)
+    link(uv.outputs["UV"], texture.inputs["Vector"])
+    link(texture.outputs["Color"], red.inputs["Color"])
+    link(texture.outputs["Color"], axis.inputs[0])
+    link(axis.outputs["Vector"], length.inputs[0])
+    link(axis.outputs["Vector"], parts.inputs[0])
+    link(parts.outputs["Z"], angle.inputs[0])
+    link(parts.outputs["Y"], angle.inputs[1])
+    link(angle.outputs[0], turns.inputs[0])
+    link(red.outputs["Red"], shader.inputs["Roughness"])
+    link(length.outputs["Value"], shader.inputs["Anisotropic"])
+    link(turns.outputs[0], shader.inputs["Anisotropic Rotation"])
+    link(tangent.outputs["Tangent"], shader.inputs["Tangent"])
 
 
 def _displace(material: bpy.types.Material, obj: bpy.types.Object) -> None:

@@ -34,6 +34,21 @@ def opened(obj: bpy.types.Object, maps: MapSequence, start: int | None = None) -
         play(obj)
 
 
+def shine(obj: bpy.types.Object, maps: MapSequence) -> None:
+    """Connect the files of shine of the sequence that the object shows to its materials; raises
+    Trouble where none has a Principled BSDF."""
+    given, first = ours(obj), images.portable(maps.shine.path(maps.frames[0]))
+    udims = list(maps.udims)
+    if given.shine_image is None:
+        given.shine_image = bpy.data.images.load(first.replace("<UDIM>", str(udims[0])))
+        given.shine_image.name = f"rhytid shine {obj.name}"
+    images.show(given.shine_image, first, udims)
+    nodes.connect_shine(obj, given.shine_image)
+    if not maps.tiled:
+        given.shine_image.source = "SEQUENCE"
+    play(obj)
+
+
 def play(obj: bpy.types.Object) -> None:
     """Where the image of the object is a sequence, let its nodes play that."""
     given = ours(obj)
@@ -61,6 +76,11 @@ def _show(obj: bpy.types.Object, frame: int) -> None:
     given, path = ours(obj), path_at(obj, frame)
     if given.image is not None and given.image.filepath != path:
         images.show(given.image, path, given.udim_list())
+    beside = given.shine_image
+    if beside is not None and given.shine:
+        folder, _, name = path.rpartition("/")
+        other = name.replace(".", ".shine.", 1).removesuffix("exr") + "png"
+        images.show(beside, f"{folder}/{other}" if folder else other, given.udim_list())
 
 
 def path_at(obj: bpy.types.Object, frame: int) -> str:

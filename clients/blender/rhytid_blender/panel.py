@@ -79,6 +79,9 @@ def _files(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     if ours(obj).asset:
         column.prop(ours(obj), "folder")
         column.prop(ours(obj), "half")
+        column.prop(ours(obj), "shine")
+        if ours(obj).shine:
+            column.prop(ours(obj), "roughness")
         column.operator("rhytid.bake", icon="RENDER_ANIMATION")
     column.operator("rhytid.open", icon="FILE_FOLDER")
 

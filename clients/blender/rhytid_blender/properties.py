@@ -55,6 +55,8 @@ class RhytidProperties(bpy.types.PropertyGroup):
         folder: str
         start: int
         half: bool
+        shine: bool
+        roughness: float
         asset: str
         vertices: int
         udims: str
@@ -67,6 +69,7 @@ class RhytidProperties(bpy.types.PropertyGroup):
         first: int
         last: int
         image: bpy.types.Image | None
+        shine_image: bpy.types.Image | None
     else:  # Blender reads annotations, which hold calls
         strength: FloatProperty(
             name="Strength",
@@ -106,6 +109,18 @@ class RhytidProperties(bpy.types.PropertyGroup):
         half: BoolProperty(
             name="Half floats", description="Half the size, within 0.05 % of each height"
         )
+        shine: BoolProperty(
+            name="Shine",
+            description="Bake roughness along and across from what relief is finer than four "
+            "texels, and connect it to the Principled BSDF, for skin that is seen from afar",
+        )
+        roughness: FloatProperty(
+            name="Roughness",
+            description="Of skin without relief, what the material has",
+            default=0.35,
+            min=0.01,
+            max=1.0,
+        )
 
         asset: StringProperty()
         vertices: IntProperty()
@@ -119,6 +134,7 @@ class RhytidProperties(bpy.types.PropertyGroup):
         first: IntProperty()
         last: IntProperty()
         image: PointerProperty(type=bpy.types.Image)
+        shine_image: PointerProperty(type=bpy.types.Image)
 
     def udim_list(self) -> list[int]:
         """The UDIMs of the map."""

@@ -30,6 +30,11 @@ def grey8(codes: NDArray[np.uint8], notes: Mapping[str, str] | None = None) -> b
     return _file(codes, 8, notes)
 
 
+def rgb16(codes: NDArray[np.uint16]) -> bytes:
+    """A PNG of codes (h, w, 3), 16 bits."""
+    return _file(codes.astype(">u2"), 16, None)
+
+
 def heights16(heights: NDArray[Any], scale: float | None = None) -> bytes:
     """Heights (h, w) as 16 bits, height = (p - 32768) / 32767 · scale, with `scale` as a text.
 
@@ -82,14 +87,15 @@ def _slope(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
 
 
 def _file(codes: NDArray[Any], bits: int, notes: Mapping[str, str] | None) -> bytes:
-    height, width = codes.shape
+    height, width = codes.shape[:2]
+    colour = {2: 0, 3: 2}[codes.ndim]
     # Every row begins with its filter: 0, none.
-    rows = np.zeros((height, 1 + width * bits // 8), np.uint8)
+    rows = np.zeros((height, 1 + codes[0].size * bits // 8), np.uint8)
     rows[:, 1:] = np.ascontiguousarray(codes).view(np.uint8).reshape(height, -1)
     texts = ((key + "\0" + text).encode("latin-1") for key, text in (notes or {}).items())
     return b"".join([
         _SIGNATURE,
-        _chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, 0, 0, 0, 0)),
+        _chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, colour, 0, 0, 0)),
         *(_chunk(b"tEXt", text) for text in texts),
         _chunk(b"IDAT", zlib.compress(rows.tobytes(), 6)),
         _chunk(b"IEND", b""),

@@ -56,6 +56,13 @@ class MapSequence:
         """Whether there is another UDIM than 1001."""
         return self.udims != _ONE
 
+    @property
+    def shine(self) -> MapSequence:
+        """What `baking` writes beside for shine: NAME.shine.<UDIM>.<FRAME>.png."""
+        folder, name = Path(self.pattern).parent, Path(self.pattern).name
+        other = name.replace(f"{self.name}.", f"{self.name}.shine.", 1).removesuffix("exr") + "png"
+        return replace(self, pattern=str(folder / other))
+
     def path(self, frame: int) -> str:
         """The path of a frame, with <UDIM> in it."""
         return self.pattern.replace("<FRAME>", f"{frame:0{self.digits}d}")

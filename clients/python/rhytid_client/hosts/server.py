@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from numpy.typing import ArrayLike, NDArray
 
-from rhytid_client.choices import Method, Sampling, TileFormat
+from rhytid_client.choices import Layer, Method, Sampling, TileFormat
 from rhytid_client.errors import RhytidError
 from rhytid_client.hosts.meshes import MeshArrays
 from rhytid_client.hosts.trouble import Trouble, message_of
@@ -52,6 +52,8 @@ class Drawing:
     method: Method = "redraw"
     sampling: Sampling = "smooth"
     format: TileFormat = "exr"
+    layer: Layer = "displacement"
+    level: int = 0
 
 
 @dataclass(frozen=True)
@@ -193,6 +195,8 @@ def _scan_of(scan: Scan | None) -> dict[str, Any]:
 
 def _map(client: PlainClient, asset: Asset | str, frame: str, udim: int, how: Drawing) -> bytes:
     tile = client.map(
-        asset, frame, udim, method=how.method, sampling=how.sampling, format=how.format
-    )
+        asset, frame, udim,
+        method=how.method, sampling=how.sampling, format=how.format,
+        layer=how.layer, level=how.level,
+    )  # fmt: skip
     return bytes(tile.content)
