@@ -88,12 +88,9 @@ class StiffScene(BinnedScene):
         """A J (P, 2, 2) with JᵀJ the interpolated metric of the neutral."""
         owner = smooth.corners(*mesh_of(self.mesh)[1:])[1]
         metric = reference_fields(self.mesh, self.mesh.positions, "tensor")[0]
-        found = np.tile(np.eye(2), (len(points), 1, 1))
-        for i in np.flatnonzero(index >= 0):
-            weights = smooth.barycentric(points[i], self.mesh.triangle_uv()[index[i]])
-            mean = np.einsum("k,kij->ij", weights, metric[owner[index[i]]])
-            found[i] = np.linalg.cholesky(mean).T
-        return found
+        uv = self.mesh.triangle_uv()
+        (found,) = smooth.interpolated(points, index, uv, owner, (metric,))
+        return np.swapaxes(np.linalg.cholesky(found), 1, 2)
 
     def maps(self):
         return {} if self.stiffness is None else self.stiffness.maps

@@ -112,9 +112,10 @@ def depth_inside(points: Array, triangle: Array) -> Array:
 
 
 def nearest_on_triangle(points: Array, triangle: Array) -> tuple[Array, Array]:
-    """Foot (P, 2) and distance (P,) of points outside; a foot at a corner is that corner exactly,
-    so that triangles which share it give the very same distance."""
-    start, end = triangle, np.roll(triangle, -1, axis=0)
+    """Foot (P, 2) and distance (P,) of points outside of a triangle (3, 2), or of one each; a foot
+    at a corner is that corner exactly, so that triangles which share it give the very same
+    distance."""
+    start, end = triangle, np.roll(triangle, -1, axis=-2)
     along = end - start
     share = ((points[:, None, :] - start) * along).sum(-1) / np.square(along).sum(-1)
     share = np.clip(share, 0.0, 1.0)[..., None]

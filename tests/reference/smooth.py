@@ -104,9 +104,8 @@ def sample(
     triangle (P,): -1 is none, which is unstretched. A point outside takes the closest point.
     """
     logs, axes = np.zeros((len(triangle), 2)), np.tile(np.eye(2), (len(triangle), 1, 1))
-    forms = interpolated(points, triangle, triangle_uv, owner, fields)
-    for i in np.flatnonzero(triangle >= 0):
-        logs[i], axes[i] = principal(*(form[i] for form in forms))
+    forms, held = interpolated(points, triangle, triangle_uv, owner, fields), triangle >= 0
+    logs[held], axes[held] = principal(*(form[held] for form in forms))
     return logs, axes
 
 
@@ -119,29 +118,36 @@ def interpolated(
     """
     found = [np.zeros((len(triangle), 2, 2)) for _ in fields]
     found[0][:] = np.eye(2)
-    for i in np.flatnonzero(triangle >= 0):
-        t = triangle[i]
-        weights = barycentric(np.asarray(points, np.float64)[i], triangle_uv[t])
-        for form, field in zip(found, fields, strict=True):
-            form[i] = np.tensordot(weights, field[owner[t]], 1)
+    held = triangle >= 0
+    corner = owner[triangle[held]]
+    weights = barycentric(np.asarray(points, np.float64)[held], triangle_uv[triangle[held]])
+    for form, field in zip(found, fields, strict=True):
+        form[held] = np.einsum("pk,pkij->pij", weights, field[corner])
     return found
 
 
-def barycentric(point: Array, triangle: Array) -> Array:
-    """(3,) weights of a point, or outside of the closest point of the triangle."""
-    columns = np.vstack([triangle.T, np.ones(3)])
-    weights = np.linalg.solve(columns, [*point, 1.0])
-    if (weights < 0).any():
-        foot = nearest_on_triangle(point[None], triangle)[0][0]
-        weights = np.linalg.solve(columns, [*foot, 1.0])
+def barycentric(points: Array, triangles: Array) -> Array:
+    """(P, 3) weights of points (P, 2) in a triangle each, (P, 3, 2), or outside of it those of its
+    closest point."""
+    columns = np.concatenate([np.swapaxes(triangles, 1, 2), np.ones((len(points), 1, 3))], axis=1)
+    weights = _solved(columns, points)
+    out = (weights < 0).any(axis=1)
+    weights[out] = _solved(columns[out], nearest_on_triangle(points[out], triangles[out])[0])
     return weights
 
 
+def _solved(columns: Array, points: Array) -> Array:
+    values = np.concatenate([points, np.ones((len(points), 1))], axis=1)
+    found: Array = np.linalg.solve(columns, values[..., None])[..., 0]
+    return found
+
+
 def principal(metric: Array, log_stretch: Array) -> tuple[Array, Array]:
-    """λ (2,), the larger first, and unit vectors s (2, 2) with H s = λ G s."""
+    """λ (P, 2), the larger first, and unit vectors s (P, 2, 2) with H s = λ G s."""
     inverse = np.linalg.inv(np.linalg.cholesky(metric))
-    values, vectors = np.linalg.eigh(inverse @ log_stretch @ inverse.T)
-    return values[::-1], stretch.unit((inverse.T @ vectors).T[::-1])
+    turned = np.swapaxes(inverse, 1, 2)
+    values, vectors = np.linalg.eigh(inverse @ log_stretch @ turned)
+    return values[:, ::-1], stretch.unit(np.swapaxes(turned @ vectors, 1, 2)[:, ::-1])
 
 
 def _area(uv: ArrayLike, face_uv: ArrayLike) -> Array:
