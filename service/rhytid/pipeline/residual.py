@@ -6,6 +6,7 @@ It is the same in every frame: see docs/scan.md for what was measured of gains t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
 from rhytid.domain.residual import Residual
+from rhytid.pipeline.blend import TILES_A_LAUNCH
 from rhytid.pipeline.vectors import VECTOR
 from rhytid.pipeline.work import Square
 
@@ -40,15 +42,22 @@ class ResidualMap(BufferGroup):
         codes = residual.codes[udim]
         return cls(device.upload(codes), len(codes), *residual.steps[udim])
 
-    def add(self, device: Device, out: Buffer, square: Square) -> None:
-        """Add it to a square (row, column, texels per side) of level 0, whose side is a multiple of
-        VECTOR.
+    def add(self, device: Device, outs: Sequence[Buffer], squares: Sequence[Square]) -> None:
+        """Add it to squares (row, column, texels per side) of level 0, all of one side, which is a
+        multiple of VECTOR.
 
-        out: side² float32, mesh units; more may follow.
+        outs: of each side² float32, mesh units; more may follow.
         """
-        row, column, side = square
+        for first in range(0, len(outs), TILES_A_LAUNCH):
+            some = slice(first, first + TILES_A_LAUNCH)
+            self._add(device, outs[some], squares[some])
+
+    def _add(self, device: Device, outs: Sequence[Buffer], squares: Sequence[Square]) -> None:
+        """Add it to TILES_A_LAUNCH squares at most."""
+        side, none = squares[0][2], TILES_A_LAUNCH - len(outs)  # which no work-item looks at
+        firsts = [row * self.side + column for row, column, _ in squares] + none * [0]
         device.launch(
-            "residual", "add_residual", (side // VECTOR, side),
-            self.codes, np.int32(self.side), np.int32(row * self.side + column),
-            np.float32(self.step), np.float32(self.middle), np.int32(side), out,
+            "residual", "add_residual", (side // VECTOR, side, len(outs)),
+            self.codes, np.int32(self.side), np.array(firsts, np.int32), np.float32(self.step),
+            np.float32(self.middle), np.int32(side), *outs, *none * [outs[0]],
         )  # fmt: skip

@@ -64,7 +64,7 @@ class DeviceDrawing:
             made = self._bins.blended(frame, query, at)
             for out, place in zip(made, places, strict=True):
                 self._events.add(out, frame, query, udim, place)
-                self._add_residual(out, udim, place)
+            self._add_residual(made, udim, places)
             return made
         drawn = self._convolved if query.method == "convolved" else self._redrawn
         draw = drawn(frame, query, udim)
@@ -95,16 +95,16 @@ class DeviceDrawing:
 
         def with_residual(row: int, column: int, side: int) -> Buffer:
             out = whole(row, column, side)
-            self._add_residual(out, udim, (row, column, side))
+            self._add_residual([out], udim, [(row, column, side)])
             return out
 
         return with_residual if udim in self._base.residuals else whole
 
-    def _add_residual(self, out: Buffer, udim: int, square: Square) -> None:
-        """Add the residual of a scanned skin to a square of level 0; nothing in other skin."""
+    def _add_residual(self, outs: Sequence[Buffer], udim: int, squares: Sequence[Square]) -> None:
+        """Add the residual of a scanned skin to squares of level 0; nothing in other skin."""
         residual = self._base.residuals.get(udim)
         if residual is not None:
-            residual.add(self._base.device, out, square)
+            residual.add(self._base.device, outs, squares)
 
     def _convolve(self, tile: NeutralTile, frame: Frame, query: MapQuery, udim: int) -> Buffer:
         base, model = self._base, query.stretch
