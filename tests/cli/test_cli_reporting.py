@@ -74,9 +74,9 @@ def test_without_a_terminal_long_work_tells_lines(
     time.sleep(0.2)
     assert capsys.readouterr().err == ""
     assert set(re.sub(r"[0-9]+ s\b", "N s", told).splitlines()) == {
-        "rhytid: work: 50 %, half, N s, N s left",
+        "rhytid: work: 50 %, half, N s",
         "rhytid: baking: frame 1 of 2, N s",
-        "rhytid: baking: frame 2 of 2, N s, N s left",
+        "rhytid: baking: frame 2 of 2, N s",
     }
 
 
@@ -89,6 +89,14 @@ def test_what_comes_before_the_first_step_is_told_in_its_place(
     told = [line for line in capsys.readouterr().out.splitlines() if "status" in line]
     first, second = "openjd_status: baking: workers start", "openjd_status: baking: frame 2 of 2"
     assert told == [first, second]
+
+
+def test_an_estimate_that_ran_out_is_told_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter([0.0, 10.0])
+    monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
+    pace = console._Pace()
+    pace.reached(0.5)
+    assert [pace.left(seconds) for seconds in (12.0, 19.8, 40.0)] == [", 8 s left", "", ""]
 
 
 def test_a_slow_first_step_and_skipped_ones_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:

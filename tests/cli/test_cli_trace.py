@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 from typing import NamedTuple
 
@@ -194,13 +195,26 @@ def inside(mesh: Path) -> NDArray[np.bool_]:
     return found
 
 
+def test_lengths_are_printed_in_millimetres(
+    traced: Traced, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = (traced.mesh, traced.scan, "--scale", RANGE, "--unit", "5.5cm")
+    assert trace(*given, "--out", tmp_path, "--json", tmp_path / "told.json") == 0
+    depth = json.loads((tmp_path / "told.json").read_text())["depth"]
+    printed = capsys.readouterr().out
+    assert f"a line of weight 1 is {55 * depth:.3g} mm deep" in printed
+    assert "relief, mm" in printed
+
+
 def test_progress_is_told(traced: Traced) -> None:
     for stage in ("lines", "fit", "seams", "residual"):
         assert f"tracing: {stage}, after" in traced.said
 
 
-def test_each_udim_has_a_residual_and_settings_are_handed_on(tmp_path: Path) -> None:
-    mesh, out = two_squares(tmp_path / "two.npz"), tmp_path / "out"
+def test_each_udim_has_a_residual_and_settings_are_handed_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mesh, out = two_squares(tmp_path / "two.npz"), tmp_path / "my out"
     waves = 0.01 * np.sin(np.arange(256) / 3.0)[:, None] * np.ones((1, 256))
     for udim, height in ((1001, 1.0), (1002, 0.5)):
         file = tmp_path / f"d.{udim}.exr"
@@ -209,7 +223,12 @@ def test_each_udim_has_a_residual_and_settings_are_handed_on(tmp_path: Path) -> 
     settings.write_text('{"depth": 0.02, "unit": "mm", "shape": {"taper": 0.5}}')
     given = (mesh, tmp_path / "d.<UDIM>.exr", "--settings", settings)
     assert trace(*given, "--out", out, "--json", told) == 0
+    printed = capsys.readouterr().out
     assert {f.name for f in out.iterdir()} == FILES | {"residual.1002.exr"}
+    command = shlex.split(printed.partition("the lines move with: ")[2])
+    residual = str(out / "residual.<UDIM>.exr")
+    assert command[command.index("--residual") + 1] == residual
+    assert f"'{residual}'" in printed  # a shell would read <UDIM> as a file for its input
     first, second = json.loads(told.read_text())["udims"]
     assert (first["udim"], second["udim"]) == (1001, 1002)
     assert first["relief"] == pytest.approx(2 * second["relief"], rel=1e-4)

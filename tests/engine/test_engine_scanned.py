@@ -25,6 +25,7 @@ from reference import tracing as reference
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.residual import Residual, ScanRelief
 from rhytid.domain.tiles import TileAddress
+from rhytid.domain.warnings import InputWarning
 from rhytid.engine.assets.upload import content_id
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import MapQuery, NewAsset
@@ -221,6 +222,21 @@ def test_its_lines_move_and_can_be_had(traced):
     settings = new_asset(MESH, depth=None, preset="best", unit="mm").settings
     sent = NewAsset(MESH, settings, scan=scan)
     assert id == content_id(sent) == engine.assets.create(sent).id
+
+
+def test_warnings_of_a_scan_outlive_a_server_that_ends_while_it_is_traced(tmp_path):
+    """And no notice of few texels between pores half a millimetre apart: it has none of these."""
+    told = InputWarning("scan-bits", "it has 8 bits", "scan.png, UDIM 1001")
+    settings = new_asset(MESH, depth=None, preset="best", unit="m").settings
+    sent = NewAsset(MESH, settings, scan=ScanRelief({1001: relief(1)}), noted=(told,))
+    with running(tmp_path) as engine:
+        id = engine.assets.create(sent).id
+    with running(tmp_path) as engine:
+        assert engine.assets.info(id).state == "building"
+        settle(engine, id)
+        info = engine.assets.info(id)
+    assert told in info.warnings
+    assert "few-texels" not in [notice.code for notice in info.notices]
 
 
 def test_what_does_not_fit_is_refused(traced):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -32,7 +33,7 @@ from rhytid.cli.scan_options import (
 )
 from rhytid.cli.skin_options import add_settings, given_settings
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.lengths import unit_after_number, usual_spacing
+from rhytid.domain.lengths import millimetres, unit_after_number, usual_spacing
 from rhytid.support.console import make_folder, report, share_bar, table, working
 
 if TYPE_CHECKING:
@@ -256,23 +257,30 @@ def _draw(file: Path, scan: _Scan, found: _Found) -> None:
 
 def _text(arguments: argparse.Namespace, figures: dict[str, Any]) -> str:
     """What was found, for people."""
-    unit, out = unit_after_number(figures["unit"]), arguments.out
-    counts = f"{out}: {figures['wrinkles']} wrinkles, {figures['pores']} pores"
+    known = millimetres(figures["unit"])
+    factor, unit = (1.0, unit_after_number(figures["unit"])) if known is None else (known, "mm")
+    counts = f"{arguments.out}: {figures['wrinkles']} wrinkles, {figures['pores']} pores"
     header = ("UDIM", f"relief, {unit}", "left, %", "fine, %", f"noise, {unit}")
     rows = [
-        (u["udim"], f"{u['relief']:.3g}", *(f"{100 * u[n]:.0f}" for n in ("left", "fine_left")),
-         f"{u['noise']:.2g}")
+        (u["udim"], f"{factor * u['relief']:.3g}",
+         *(f"{100 * u[n]:.0f}" for n in ("left", "fine_left")), f"{factor * u['noise']:.2g}")
         for u in figures["udims"]
     ]  # fmt: skip
-    draw = f"rhytid bake {arguments.mesh} --frames SHOT --graph {out / GRAPH}"
-    residual = out / "residual.<UDIM>.exr"
-    settings = f"--residual {residual} --settings {out / SETTINGS} --out maps"
     return "\n".join(
         [
-            f"{counts}; a line of weight 1 is {figures['depth']:.3g} {unit} deep",
+            f"{counts}; a line of weight 1 is {factor * figures['depth']:.3g} {unit} deep",
             table(header, rows),
             "left: root mean square of the residual over that of the relief; fine: of what is "
             "narrower than 33 texels",
-            f"the lines move with: {draw} {settings}",
+            f"the lines move with: {_bake_command(arguments)}",
         ]
     )
+
+
+def _bake_command(arguments: argparse.Namespace) -> str:
+    """What to type to bake what was traced. Quoted for a shell, which would read `<UDIM>` as a file
+    for its input; what is left to say is SHOT."""
+    out: Path = arguments.out
+    words = ["rhytid", "bake", arguments.mesh, "--frames", "SHOT", "--graph", out / GRAPH]
+    words += ["--residual", out / "residual.<UDIM>.exr", "--settings", out / SETTINGS]
+    return shlex.join(str(word) for word in (*words, "--out", "maps"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import isfinite
 from pathlib import Path
 from typing import Any, TypeVar
@@ -44,7 +44,8 @@ class StoredRequest:
     """The content that a caller sent for an asset.
 
     graph: None: one is to be synthesised, guided by `controls` and `folds`, which are computed from
-    the expressions that were sent; or, where there is a `scan`, it is traced.
+    the expressions that were sent; or, where there is a `scan`, it is traced.  noted: warnings of
+    the scan as it was sent, which cannot be found out from what is kept of it.
     """
 
     mesh: Mesh
@@ -55,10 +56,13 @@ class StoredRequest:
     folds: Folds | None = None
     residual: Residual | None = None
     scan: ScanRelief | None = None
+    noted: tuple[InputWarning, ...] = ()
 
     def files(self) -> dict[str, bytes]:
         """The files of the request, by name."""
-        facts = {"settings": self.settings.as_json()}
+        facts: dict[str, Any] = {"settings": self.settings.as_json()}
+        if self.noted:
+            facts["extra"] = {"warnings": [asdict(warning) for warning in self.noted]}
         files = _files(self.mesh, self.graph, facts, self.stiffness, self.residual)
         if self.controls is not None:
             files[CONTROLS] = _packed(self.controls.arrays())
@@ -78,7 +82,8 @@ class StoredRequest:
         folds = _arrays(files, folder / FOLDS, Folds.of_arrays)
         scan = _arrays(files, folder / SCAN, ScanRelief.of_arrays)
         settings, (stiffness, residual) = _settings(facts, folder), _drawn(files, folder)
-        return cls(mesh, settings, graph, stiffness, controls, folds, residual, scan)
+        noted = _warnings(facts["extra"].get("warnings", ()), folder)
+        return cls(mesh, settings, graph, stiffness, controls, folds, residual, scan, noted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,6 +205,13 @@ def _facts(files: Files, folder: Path) -> dict[str, Any]:
 
 def _settings(facts: Mapping[str, Any], folder: Path) -> AssetSettings:
     return parse_settings(facts.get("settings"), folder / FACTS)
+
+
+def _warnings(kept: Any, folder: Path) -> tuple[InputWarning, ...]:
+    try:
+        return tuple(InputWarning(**one) for one in kept)
+    except TypeError as error:
+        raise _foreign(folder / FACTS, "warnings that are none") from error
 
 
 def _drawn_as_before(value: Any) -> Any:

@@ -30,6 +30,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Controls, Stiffness
 from rhytid.domain.residual import Residual, ScanRelief
+from rhytid.domain.warnings import InputWarning
 from rhytid.errors import NotFoundError, StorageError
 from rhytid.storage.asset_snapshots import AssetSnapshots
 from rhytid.storage.folders import PACKAGES, StoreFolders
@@ -126,13 +127,14 @@ class AssetStore:
         folds: Folds | None = None,
         residual: Residual | None = None,
         scan: ScanRelief | None = None,
+        noted: tuple[InputWarning, ...] = (),
     ) -> None:
         """Store what a caller sent until the asset is built. Nothing is changed where the store has
         that id."""
         home = self._folders.home(id)
         if not holds_something(home):
             request = StoredRequest(
-                mesh, settings, graph, stiffness, controls, folds, residual, scan
+                mesh, settings, graph, stiffness, controls, folds, residual, scan, noted
             )
             self._folders.seal(home, REQUEST, request.files())
 

@@ -220,8 +220,10 @@ class _Steps:
         return _left(here + after * usual)
 
 
-def _left(seconds: float) -> str:
-    left = max(seconds, 0.0)
+def _left(left: float) -> str:
+    """Words for these seconds; none once the estimate has run out, for then it was wrong."""
+    if left < 0.5:
+        return ""
     return f", {left:.0f} s left" if left < 100 else f", {left / 60:.0f} min left"
 
 

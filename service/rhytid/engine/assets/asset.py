@@ -198,9 +198,12 @@ class Asset:
         spacing = self.lengths.spacing if self.state == "ready" else None
         building = self.state == "building" and self.expected_wrinkles != MOST_WRINKLES
         large = build_notice(self.expected_wrinkles) if building else ()
+        # Pores of a scanned skin are where the scan has them, not at a spacing.
+        scanned = self.residual is not None
+        texels = () if scanned else texel_notice(self.settings, self.uv_length, spacing)
         return (
             *grain_notice(self.settings, self.uv_length),
-            *texel_notice(self.settings, self.uv_length, spacing),
+            *texels,
             *large,
         )
 

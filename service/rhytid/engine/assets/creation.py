@@ -201,7 +201,7 @@ class AssetRegistration:
                 return
             self._store.put_request(
                 asset.id, new.mesh, new.settings, new.graph, new.stiffness, new.controls, folds,
-                new.residual, new.scan,
+                new.residual, new.scan, new.noted,
             )  # fmt: skip
             self._builder.start(asset, self._frames_work(asset, upload.frames))
         except BaseException:

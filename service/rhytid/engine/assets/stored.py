@@ -40,7 +40,7 @@ class StoredAssets:
                 yield self._damaged(id, error)
                 continue
             unit, resolution = request.settings.length_unit, request.settings.resolution
-            warnings = mesh_warnings(request.mesh, unit, resolution)
+            warnings = (*mesh_warnings(request.mesh, unit, resolution), *request.noted)
             yield Asset.of(
                 id, request.mesh, request.settings, warnings, self._memory,
                 partial(self._store.mesh, id),
