@@ -124,7 +124,7 @@ def test_they_end_before_a_hook(device: Device, monkeypatch: pytest.MonkeyPatch)
         start = courses.start[row]
         way = np.diff(courses.points.position[start + first : start + last + 1], axis=0)
         way /= np.linalg.norm(way, axis=1)[:, None]
-        turns += np.degrees(np.arccos(np.clip((way[3:] * way[:-3]).sum(axis=1), -1, 1))).tolist()
+        turns += np.degrees(np.arccos(np.clip((way[2:] * way[:-2]).sum(axis=1), -1, 1))).tolist()
     assert len(leaders) > 10
     assert max(turns) < 32.0
 

@@ -43,7 +43,7 @@ _BEGINS, _GOES_ON = 0.12, 0.04
 _WHIRL = 0.65
 # The same of what the field itself turns over so many steps, without the winding: where it turns
 # more, a line would end in a hook.
-_HOOK, _HOOKED = 0.9, 3
+_HOOK, _HOOKED = 0.9, 2
 # Seams that one step may cross.
 _SEAMS = 3
 # Purposes of random numbers.

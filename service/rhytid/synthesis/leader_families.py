@@ -51,7 +51,7 @@ class Family:
     chance: tuple[float, float] = (0.65, 0.9)
     broad: float = 1.0
     deep: float = 1.0
-    winding: tuple[tuple[float, float], ...] = ((0.15, 9.0), (0.3, 2.2))
+    winding: tuple[tuple[float, float], ...] = ((0.15, 9.0), (0.16, 2.2))
     waves: tuple[tuple[float, float], ...] = ((1.0, 0.9), (2.4, 2.5), (7.0, 6.0))
     uneven: float = 0.27
 
