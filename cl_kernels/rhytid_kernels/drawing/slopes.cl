@@ -20,7 +20,7 @@ typedef struct {
     slopes_t top, bottom;
 } cell_t;
 
-// Cosine and sine of the angle from the axes of a triangle to those of the texel.
+// Cosine and sine of the angle from the axes of a triangle to those of the texel, over two texels along.
 typedef struct {
     float8 c, s;
 } turn_t;
@@ -42,7 +42,7 @@ INLINE turn_t turn_at(__global const float *t, float8 x, float8 y)
     float8 less = linear(t + ALONG_N, x, y) * quadratic(t + T_ON_N, x, y);
     float8 c = fma(linear(t + ALONG_T, x, y), size, -less);
     float8 s = quadratic(t + TURNED, x, y) * sqrt(size);
-    float8 norm = rsqrt(fma(c, c, fma(s, s, (float8)1e-30f)));
+    float8 norm = t[PER_ALONG] * rsqrt(fma(c, c, fma(s, s, (float8)1e-30f)));
     return (turn_t){c * norm, s * norm};
 }
 
@@ -57,12 +57,11 @@ INLINE float16 between(float4 at)
 
 INLINE slopes_t turned(float16 c, float16 s, __global const float *t, slopes_t rises)
 {
-    float16 along = rises.x * t[PER_ALONG];
-    float16 across = fma(rises.y, (float16)t[PER_ACROSS], along * -t[LEAN]);
-    return (slopes_t){fma(c, along, s * across), fma(c, across, -s * along)};
+    float16 across = fma(rises.y, (float16)t[ACROSS], rises.x * -t[LEAN]);
+    return (slopes_t){fma(c, rises.x, s * across), fma(c, across, -s * rises.x)};
 }
 
-// As if every texel lay in one triangle. rises: of the heights over one texel, right and up, mesh units.
+// As if every texel lay in one triangle. rises: of the heights over two texels, right and up, mesh units.
 // x, y: of the first texel, in texels from the lower left of UDIM 1001. Where the angle bends little over a
 // cell, it is a cubic through four texels of each row: off by less than 4e-6 of a slope, see SMOOTH.
 INLINE cell_t cell_in(__global const float *t, cell_t rises, float x, float y)
@@ -85,23 +84,22 @@ INLINE cell_t cell_in(__global const float *t, cell_t rises, float x, float y)
 #define IF(bit, value) select((float16)0, value, convert_int16((code & (uchar)bit) != (uchar)0))
 #define COUNTS(bit) IF(bit, (float16)1)
 
-// Rises over one texel, right and up, of a vector at `p`, beside rows above and below: half the difference of
-// both neighbours, or that to the one that may be used.
+// Rises over two texels, right and up, of a vector at `p`, beside rows above and below: the difference of both
+// neighbours, or twice that to the one that may be used.
 INLINE slopes_t rises_at_border(__global const float *p, __global const float *up,
                                 __global const float *down, uchar16 code)
 {
     float16 here = vload16(0, p);
     float16 right = IF(RIGHT, vload16(0, p + 1) - here), left = IF(LEFT, here - vload16(0, p - 1));
     float16 above = IF(ABOVE, vload16(0, up) - here), below = IF(BELOW, here - vload16(0, down));
-    return (slopes_t){(right + left) / fmax(COUNTS(RIGHT) + COUNTS(LEFT), 1.0f),
-                      (above + below) / fmax(COUNTS(ABOVE) + COUNTS(BELOW), 1.0f)};
+    return (slopes_t){(right + left) / fmax(0.5f * (COUNTS(RIGHT) + COUNTS(LEFT)), 0.5f),
+                      (above + below) / fmax(0.5f * (COUNTS(ABOVE) + COUNTS(BELOW)), 0.5f)};
 }
 
 INLINE slopes_t rises_inside(__global const float *p, __global const float *up,
                              __global const float *down)
 {
-    return (slopes_t){0.5f * (vload16(0, p + 1) - vload16(0, p - 1)),
-                      0.5f * (vload16(0, up) - vload16(0, down))};
+    return (slopes_t){vload16(0, p + 1) - vload16(0, p - 1), vload16(0, up) - vload16(0, down)};
 }
 
 // What a kernel reads. heights: rows of `stride`, mesh units, the first texel of the first row is `first`; a
@@ -176,34 +174,36 @@ __kernel void finest(SURFACE, __global float *moments)
     keep(own.bottom, (2 * j + 1) * width + i, texels, moments);
 }
 
+// Sums over the rows of a cell, or of two.
 typedef struct {
-    float8 x, y, xx, xy, yy;
-} means_t;
+    float16 x, y, xx, xy, yy;
+} sums_t;
 
-INLINE float8 mean_of(float16 top, float16 bottom)
-{
-    return 0.25f * ((top.even + top.odd) + (bottom.even + bottom.odd));
-}
-
-INLINE means_t means_of(cell_t own)
+INLINE sums_t sums_of(cell_t own)
 {
     slopes_t a = own.top, b = own.bottom;
-    return (means_t){mean_of(a.x, b.x), mean_of(a.y, b.y), mean_of(a.x * a.x, b.x * b.x),
-                     mean_of(a.x * a.y, b.x * b.y), mean_of(a.y * a.y, b.y * b.y)};
+    return (sums_t){a.x + b.x, a.y + b.y, fma(a.x, a.x, b.x * b.x), fma(a.x, a.y, b.x * b.y),
+                    fma(a.y, a.y, b.y * b.y)};
 }
 
-INLINE void keep_means(means_t own, int i, size_t plane, __global float *moments)
+INLINE float8 pairs(float16 sum)
 {
-    vstore8(own.x, i, moments);
-    vstore8(own.y, i, moments + plane);
-    vstore8(own.xx, i, moments + 2 * plane);
-    vstore8(own.xy, i, moments + 3 * plane);
-    vstore8(own.yy, i, moments + 4 * plane);
+    return sum.even + sum.odd;
 }
 
-INLINE float4 halved(float8 top, float8 bottom)
+INLINE float4 fours(float16 upper, float16 lower)
 {
-    return 0.25f * ((top.even + top.odd) + (bottom.even + bottom.odd));
+    float8 sum = pairs(upper + lower);
+    return 0.0625f * (sum.even + sum.odd);
+}
+
+INLINE void keep_pairs(sums_t own, int i, size_t plane, __global float *moments)
+{
+    vstore8(0.25f * pairs(own.x), i, moments);
+    vstore8(0.25f * pairs(own.y), i, moments + plane);
+    vstore8(0.25f * pairs(own.xx), i, moments + 2 * plane);
+    vstore8(0.25f * pairs(own.xy), i, moments + 3 * plane);
+    vstore8(0.25f * pairs(own.yy), i, moments + 4 * plane);
 }
 
 // Levels 1 and 2 of `vectors` cells a row: five planes each, of a map of which these are the rows from `to`
@@ -213,16 +213,15 @@ __kernel void levels(SURFACE, int to, int keeps, __global float *first_level,
 {
     int i = get_global_id(0), j = get_global_id(1), at = to + j;
     size_t plane = (size_t)vectors * vectors * (WIDTH / 4) * (WIDTH / 4);
-    means_t top = means_of(slopes_at(GIVEN, i, 2 * j));
-    means_t bottom = means_of(slopes_at(GIVEN, i, 2 * j + 1));
+    sums_t a = sums_of(slopes_at(GIVEN, i, 2 * j)), b = sums_of(slopes_at(GIVEN, i, 2 * j + 1));
     if (keeps) {
-        keep_means(top, 2 * at * vectors + i, 4 * plane, first_level);
-        keep_means(bottom, (2 * at + 1) * vectors + i, 4 * plane, first_level);
+        keep_pairs(a, 2 * at * vectors + i, 4 * plane, first_level);
+        keep_pairs(b, (2 * at + 1) * vectors + i, 4 * plane, first_level);
     }
     at = at * vectors + i;
-    vstore4(halved(top.x, bottom.x), at, second_level);
-    vstore4(halved(top.y, bottom.y), at, second_level + plane);
-    vstore4(halved(top.xx, bottom.xx), at, second_level + 2 * plane);
-    vstore4(halved(top.xy, bottom.xy), at, second_level + 3 * plane);
-    vstore4(halved(top.yy, bottom.yy), at, second_level + 4 * plane);
+    vstore4(fours(a.x, b.x), at, second_level);
+    vstore4(fours(a.y, b.y), at, second_level + plane);
+    vstore4(fours(a.xx, b.xx), at, second_level + 2 * plane);
+    vstore4(fours(a.xy, b.xy), at, second_level + 3 * plane);
+    vstore4(fours(a.yy, b.yy), at, second_level + 4 * plane);
 }

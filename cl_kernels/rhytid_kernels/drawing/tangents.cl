@@ -39,12 +39,27 @@ inline float3 unit(float3 v) // 0 stays 0
     return v * (1 / sqrt(fmax(dot(v, v), FLT_MIN)));
 }
 
+// atan2 for y >= 0, to 3e-7: Abramowitz and Stegun 1964, 4.4.49. Drivers take several times as long.
+inline float half_turn(float y, float x)
+{
+    float most = fmax(fabs(x), y), q = fmin(fabs(x), y) / fmax(most, FLT_MIN), s = q * q;
+    float r = fma(s, 0.0028662257f, -0.0161657367f);
+    r = fma(s, r, 0.0429096138f);
+    r = fma(s, r, -0.0752896400f);
+    r = fma(s, r, 0.1065626393f);
+    r = fma(s, r, -0.1420889944f);
+    r = fma(s, r, 0.1999355085f);
+    r = q * fma(s, fma(s, r, -0.3333314528f), 1.0f);
+    r = y > fabs(x) ? M_PI_2_F - r : r;
+    return x < 0 ? M_PI_F - r : r;
+}
+
 inline float angle(float3 a, float3 b)
 {
     a = scaled(a);
     b = scaled(b);
     float3 c = across(a, b);
-    return atan2(sqrt(dot(c, c)), dot(a, b));
+    return half_turn(sqrt(dot(c, c)), dot(a, b));
 }
 
 inline float3 flattened(float3 v, float3 normal)
@@ -191,8 +206,8 @@ __kernel void terms(__global const float *positions, __global const int *faces,
     float dv = du > 0 ? sqrt(dot(c, c)) * fabs(uv[INVERSE]) / du : 0; // |dP/du x dP/dv| over |dP/du|
     float lean = dot(rise_y(e, f, uv), a) * uv[INVERSE];
     bool flat = !(du > 0 && dv > 0); // without an area in space it is taken as flat
-    out[PER_ALONG] = flat ? 0 : 1 / du;
-    out[PER_ACROSS] = flat ? 0 : 1 / dv;
+    out[PER_ALONG] = flat ? 0 : 0.5f / du;
+    out[ACROSS] = flat ? 0 : du / dv;
     out[LEAN] = flat ? 0 : lean / dv;
     out[FROM_X] = uv[MIDDLE];
     out[FROM_Y] = uv[MIDDLE + 1];
