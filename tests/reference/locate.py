@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -25,7 +27,18 @@ def locate(
     A point that moves by less than its margin keeps its index. Margins are lower bounds, cut off
     at `band`: what lies farther than padding + 2 band from a point is not looked at.
     """
-    points, triangles = np.asarray(points, np.float64), np.asarray(triangles, np.float64)
+    given = (np.asarray(values, np.float64).tobytes() for values in (points, triangles))
+    index, margin = _located(*given, padding, band)
+    return index.copy(), margin.copy()
+
+
+@lru_cache(maxsize=32)
+def _located(
+    all_points: bytes, all_triangles: bytes, padding: float, band: float
+) -> tuple[Indices, Array]:
+    """Kept for scenes that differ in their settings alone."""
+    points = np.frombuffer(all_points).reshape(-1, 2)
+    triangles = np.frombuffer(all_triangles).reshape(-1, 3, 2)
     search = _Search(points, padding, band)
     reach = padding + 2 * band
     low, high = triangles.min(axis=1) - reach, triangles.max(axis=1) + reach
@@ -68,7 +81,8 @@ class _Search:
         kept = rows[held]
         self.holder[kept] = index
         self.hold_margin[kept] = np.minimum(self.hold_margin[kept], inside[held])
-        self._add_outside(index, triangle, rows[~held])
+        if not held.all():
+            self._add_outside(index, triangle, rows[~held])
 
     def _add_outside(self, index: int, triangle: Array, rows: Indices) -> None:
         foot, distance = nearest_on_triangle(self.points[rows], triangle)
@@ -79,7 +93,8 @@ class _Search:
         self.second[rows] = np.where(
             equal, self.second[rows], np.minimum(self.second[rows], np.maximum(distance, best))
         )
-        self._tie(triangle, rows[equal], foot[equal])
+        if equal.any():
+            self._tie(triangle, rows[equal], foot[equal])
         won = rows[closer]
         self.nearest[won], self.distance[won] = index, distance[closer]
         self.foot[won], self.tie_margin[won] = foot[closer], self.band
