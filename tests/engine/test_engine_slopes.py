@@ -14,13 +14,14 @@ from meshes import deform
 from pipeline.scenes import sheet
 from reference import slopes as reference
 from rhytid.domain.tiles import MapAddress, TileAddress
+from rhytid.engine import call_context
 from rhytid.engine.device_assets.slopes import DeviceSlopes
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import SLOPES, MapQuery
 from rhytid.engine.tiles.slopes import SlopeDrawing
-from rhytid.errors import DeviceMemoryError
+from rhytid.errors import CancelledError, DeviceMemoryError
 from rhytid.pipeline import slopes
-from rhytid.pipeline.slopes import SlopeWork
+from rhytid.pipeline.slopes import Band, SlopeWork
 
 UDIM = 1012
 
@@ -129,6 +130,69 @@ def test_strips_and_short_memory_make_the_same(engine, monkeypatch):
     monkeypatch.setattr(DeviceSlopes, "add", lambda *given: added.append(1) or add(*given))
     np.testing.assert_array_equal(plan.draw(), whole)
     assert len(added) == 4
+
+
+def test_tiles_larger_than_a_launch_are_drawn_whole(engine, monkeypatch):
+    asset = built(engine, new_asset(tile_size=256))
+    plan = engine.tiles.plan_map(asset, "neutral", slopes_of(BINNED), 1001, 1)
+    whole = plan.draw()
+    depth = engine.assets.info(asset).settings["depth"]
+    for one in (0.5 * depth, depth):
+        engine.assets.change(asset, {"depth": one})
+    monkeypatch.setattr(slopes, "_AT_ONCE", 256 * 64)
+    np.testing.assert_array_equal(plan.draw(), whole)
+
+
+def test_a_chart_may_be_dropped_while_strips_are_drawn(engine, monkeypatch):
+    asset = built(engine, new_asset())
+    monkeypatch.setattr(slopes, "_AT_ONCE", 256 * 64)
+    plan = engine.tiles.plan_map(asset, "neutral", slopes_of(REDRAW), 1001, 1)
+    whole = plan.draw()
+    engine.assets.change(asset, {"depth": 0.02})
+    plan = engine.tiles.plan_map(asset, "neutral", slopes_of(REDRAW), 1001, 1)
+    put = DeviceSlopes.put
+
+    def short(self, work, frame, query, udim, place):
+        self._base.cache.discard("slope chart", udim)
+        put(self, work, frame, query, udim, place)
+
+    monkeypatch.setattr(DeviceSlopes, "put", short)
+    assert plan.draw().shape == whole.shape
+
+
+def test_a_band_stays_where_a_piece_fails(engine, monkeypatch):
+    """What does not fit is drawn by `maps` into the band that was begun."""
+    asset = built(engine, new_asset())
+    plan = engine.tiles.plan_map(asset, "neutral", slopes_of(REDRAW), 1001, 1)
+    bands, fails, put = [], [True], Band.put
+
+    def short(self, device, part):
+        bands.append(self)
+        if fails:
+            raise DeviceMemoryError(f"no memory: {fails.pop()}")
+        assert not self.buffer.released
+        put(self, device, part)
+
+    monkeypatch.setattr(Band, "put", short)
+    plan.draw()
+    assert len(bands) > 1
+    assert len({id(band) for band in bands}) == 1
+
+
+def test_levels_stop_when_nobody_waits(engine, monkeypatch):
+    asset = built(engine, new_asset())
+    monkeypatch.setattr(slopes, "_AT_ONCE", 256 * 64)
+    plan = engine.tiles.plan_map(asset, "neutral", slopes_of(REDRAW), 1001, 1)
+    put, drawn = DeviceSlopes.put, []
+
+    def counted(*given):
+        drawn.append(1)
+        put(*given)
+
+    monkeypatch.setattr(DeviceSlopes, "put", counted)
+    with call_context.abandoned_when(lambda: bool(drawn)), pytest.raises(CancelledError):
+        plan.draw()
+    assert len(drawn) == 1
 
 
 def test_a_chart_is_made_once_for_all_who_ask(engine, monkeypatch):

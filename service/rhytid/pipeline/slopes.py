@@ -10,6 +10,7 @@ tangent frame of its normal maps (`pipeline/tangents.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,10 +88,11 @@ class SlopeChart(BufferGroup):
         triangles: NDArray[np.int32],
         codes: NDArray[np.uint8],
         corner: tuple[int, int],
+        rows: int,
     ) -> SlopeChart:
-        """triangles, codes: (R, R) of each texel, row 0 at the top, R at least 2 VECTOR."""
+        """triangles, codes: (R, R) of each texel, row 0 at the top, R at least 2 VECTOR.  rows: of
+        a strip."""
         side = len(codes)
-        rows = strip_rows(side)
         strips = tuple(
             _Strip.of(device, row, triangles[row : row + rows], codes[row : row + rows])
             for row in range(0, side, rows)
@@ -109,9 +111,10 @@ class SlopeChart(BufferGroup):
         return self.strips[row // self.strips[0].rows]
 
 
-def strip_rows(side: int) -> int:
-    """Rows of a strip of a map of `side`² texels: what one launch takes."""
-    return max(min(_AT_ONCE // side, side), 4)
+def strip_rows(side: int, tile: int) -> int:
+    """Rows of a strip of a map of `side`² texels: what one launch takes, and not less than a tile
+    of `tile`² texels, which `binned` draws as a whole."""
+    return max(min(_AT_ONCE // side, side), tile)
 
 
 @dataclass(frozen=True)
@@ -184,9 +187,10 @@ class SlopeWork:
     """The levels of a UDIM of a frame while they are made, strip by strip from the top. Each method
     is one task of the device or less."""
 
-    def __init__(self, device: Device, side: int, least: int) -> None:
-        """side: texels per side of level 0.  least: the finest level that is asked for, 1 or 2."""
-        self._device, self.side, self.least = device, side, least
+    def __init__(self, device: Device, side: int, rows: int, least: int) -> None:
+        """side: texels per side of level 0.  rows: of a strip.  least: the finest level that is
+        asked for, 1 or 2."""
+        self._device, self.side, self.rows, self.least = device, side, rows, least
         self.done = 0
         self._bands: list[Band] = []
         self._levels = [self._empty(level) for level in range(least, 3)]
@@ -195,11 +199,11 @@ class SlopeWork:
         return self._device.empty(len(MOMENTS) * (self.side >> level) ** 2, np.float32)
 
     def band_of(self, row: int) -> Band:
-        """The band that a row lies in, begun where there is none."""
-        rows = strip_rows(self.side)
-        row -= row % rows
+        """The band that a row lies in, begun where there is none. It stays where the task fails."""
+        row -= row % self.rows
         if not self._bands or self._bands[-1].row != row:
-            self._bands.append(Band.empty(self._device, row, rows, self.side))
+            make = partial(Band.empty, self._device, row, self.rows, self.side)
+            self._bands.append(self._device.lasting(make))
         return self._bands[-1]
 
     def take(self, band: Band) -> None:

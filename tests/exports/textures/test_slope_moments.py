@@ -16,7 +16,6 @@ from rhytid.exports.textures.frame_map import Chart
 from rhytid.exports.textures.slope_codes import neighbour_codes
 from rhytid.exports.textures.tangents import Posed, joined
 from rhytid.exports.textures.writers import normal_map
-from rhytid.pipeline import slopes
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.slopes import Band, SlopeChart, SlopeWork, finest_moments, moments
 from rhytid.pipeline.tangents import TERMS, TangentMesh
@@ -55,7 +54,7 @@ def scene(device: Device, small_mesh: SmallMesh, request: pytest.FixtureRequest)
     located = UdimTriangles(device, mesh, 1001, SIDE, 4)
     triangles = device.read(located.texels(SIDE, 0, 0, SIDE), (SIDE, SIDE), np.int32)
     posed = Posed.of(mesh, positions)
-    chart = SlopeChart.of(device, triangles, neighbour_codes(mesh, 1001, triangles), (0, 0))
+    chart = SlopeChart.of(device, triangles, neighbour_codes(mesh, 1001, triangles), (0, 0), SIDE)
     surface = reference.surface(positions, mesh.faces, mesh.uv, mesh.face_uv)
     slopes, inside = reference.slopes(heights.astype(np.float64), triangles, surface)
     frames = TangentMesh.of(device, mesh.faces, mesh.triangle_uv() * SIDE, *joined(mesh).numbers)
@@ -72,7 +71,7 @@ def test_the_scenes_take_both_ways(device: Device, scene: Scene) -> None:
 
 @pytest.mark.parametrize("least", [1, 2])
 def test_moments_are_those_of_brute_force(device: Device, scene: Scene, least: int) -> None:
-    work = SlopeWork(device, SIDE, least)
+    work = SlopeWork(device, SIDE, SIDE, least)
     work.take(Band.of(device, 0, scene.heights))
     work.add(scene.chart, scene.terms)
     made = work.finish()
@@ -88,17 +87,15 @@ def test_moments_are_those_of_brute_force(device: Device, scene: Scene, least: i
         assert variance.min() > -CLOSE
 
 
-def test_strips_make_the_same_bits(
-    device: Device, scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_strips_make_the_same_bits(device: Device, scene: Scene) -> None:
     """Where the rows above and below a strip are in other bands."""
-    monkeypatch.setattr(slopes, "_AT_ONCE", SIDE * SIDE // 4)
     codes = neighbour_codes(scene.mesh, 1001, scene.triangles)
-    chart = SlopeChart.of(device, scene.triangles, codes, (0, 0))
+    chart = SlopeChart.of(device, scene.triangles, codes, (0, 0), SIDE // 4)
     assert len(chart.strips) == 4
     made = []
     for of in (chart, scene.chart):
-        work, rows = SlopeWork(device, SIDE, 1), of.strips[0].rows
+        rows = of.strips[0].rows
+        work = SlopeWork(device, SIDE, rows, 1)
         for row in range(0, SIDE, rows):
             work.take(Band.of(device, row, scene.heights[row : row + rows]))
             work.add(of, scene.terms)

@@ -21,7 +21,14 @@ from rhytid.engine.messages import MapQuery, Tile
 from rhytid.exports.textures.slope_codes import neighbour_codes
 from rhytid.exports.textures.tangents import joined
 from rhytid.pipeline.levels import Part
-from rhytid.pipeline.slopes import Band, SlopeChart, SlopeLevels, SlopeWork, finest_moments
+from rhytid.pipeline.slopes import (
+    Band,
+    SlopeChart,
+    SlopeLevels,
+    SlopeWork,
+    finest_moments,
+    strip_rows,
+)
 from rhytid.pipeline.tangents import TangentMesh
 from rhytid.pipeline.work import Square
 
@@ -46,9 +53,10 @@ class DeviceSlopes:
         self, udim: int, triangles: NDArray[np.int32], codes: NDArray[np.uint8]
     ) -> SlopeChart:
         """Keep the chart of a UDIM.  triangles, codes: (R, R) of its texels."""
+        at = udim_origin(udim), self._rows
         return self._base.cache.keep(
             "slope chart", udim,
-            make=lambda: SlopeChart.of(self._base.device, triangles, codes, udim_origin(udim)),
+            make=lambda: SlopeChart.of(self._base.device, triangles, codes, *at),
         )  # fmt: skip
 
     def kept(
@@ -71,7 +79,13 @@ class DeviceSlopes:
 
     def begin(self, level: int) -> SlopeWork:
         """Begin the levels of a UDIM, so that `level` is among them; to be released."""
-        return SlopeWork(self._base.device, self._base.settings.resolution, min(level, 2))
+        side = self._base.settings.resolution
+        return SlopeWork(self._base.device, side, self._rows, min(level, 2))
+
+    @property
+    def _rows(self) -> int:
+        """Rows of a strip."""
+        return strip_rows(self._base.settings.resolution, self._base.tile_side)
 
     def put(self, work: SlopeWork, frame: Frame, query: MapQuery, udim: int, place: Square) -> None:
         """Draw a piece of level 0, unless it is kept, into the band of the work that it is of."""

@@ -24,7 +24,7 @@ from rhytid.engine.frames import Frame
 from rhytid.engine.messages import DISPLACEMENT, MapQuery, Tile
 from rhytid.engine.tiles.maps import MapDrawing
 from rhytid.errors import ChangingError, DeviceMemoryError
-from rhytid.pipeline.slopes import MOMENTS, SlopeWork, moments, strip_rows
+from rhytid.pipeline.slopes import MOMENTS, SlopeWork, moments
 from rhytid.pipeline.work import Square
 
 # How often a square is made anew because settings change, or the asset is dropped, meanwhile.
@@ -113,15 +113,18 @@ class SlopeDrawing:
         with _alone(self._whole):
             if (found := self._use(one, kept)) is not None:
                 return found
-            self._ensure_chart(one)
             with self._work(one) as work:
-                for row in range(0, work.side, strip_rows(work.side)):
+                for row in range(0, work.side, work.rows):
                     self._fill(one, work, row)
+                    self._ensure_chart(one)  # last, for what was drawn may have taken its memory
                     if not self._use(one, lambda slopes: slopes.add(work, one.frame, one.udim)):
                         return None
-                if not self._use(one, lambda slopes: slopes.keep(work, *one.about, one.settings)):
-                    return None
-            return self._use(one, kept)
+
+                def finished(slopes: DeviceSlopes) -> _Sums | None:
+                    done = slopes.keep(work, *one.about, one.settings)
+                    return kept(slopes) if done else None
+
+                return self._use(one, finished)
 
     @contextmanager
     def _work(self, one: _Wanted) -> Iterator[SlopeWork]:
@@ -134,7 +137,7 @@ class SlopeDrawing:
 
     def _fill(self, one: _Wanted, work: SlopeWork, row: int) -> None:
         """Give the work its heights of a strip, a piece in a task."""
-        rows = strip_rows(work.side)
+        rows = work.rows
         if one.heights is not None:
             part = one.heights[row : row + rows]
             self._use(one, lambda slopes: slopes.take(work, row, part))
@@ -145,6 +148,7 @@ class SlopeDrawing:
                 self._put(one, work, piece)
 
     def _put(self, one: _Wanted, work: SlopeWork, piece: Square) -> None:
+        call_context.check_abandoned()
         try:
             self._use(one, lambda slopes: slopes.put(work, *one.about, piece))
         except DeviceMemoryError:  # `maps` draws it in smaller ones
