@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from pxr import Usd
 
 from cli.running import usage_error
 from rhytid.cli import main
 from rhytid.exports.textures.writers import write_parts
 from rhytid.formats.exr_encoder import exr_parts
+from rhytid.formats.png import encode_png
 from rhytid.formats.tile_header import TileHeader
 
 
@@ -146,3 +148,25 @@ def test_paths_and_numbers_are_checked(
     tmp_path: Path, options: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert f"argument {options[0]}: " in usage_error(capsys, "look", str(tmp_path), *options)
+
+
+def test_a_glb_needs_maps_of_one_level(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    maps, mesh = write_maps(tmp_path / "maps", "face.1001.smile.exr"), tmp_path / "sheet.obj"
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n")
+    command = ["look", str(maps), "--gltf", str(mesh), "--json"]
+    assert main(command) == 1
+    assert "face.roughness.1001.smile.png is missing" in capsys.readouterr().err
+
+    for name, level in (("roughness", "2"), ("anisotropy", "2"), ("normal-gl", "0")):
+        texels = np.zeros((2, 2, 3), np.uint16)
+        file = maps / f"face.{name}.1001.smile.png"
+        file.write_bytes(encode_png(texels, {"level": level}))
+    assert main(command) == 1
+    assert "maps of one level are needed" in capsys.readouterr().err
+
+    file.write_bytes(encode_png(texels, {"level": "2"}))
+    assert main(command) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["gltf"] == str(maps / "face.smile.glb")
+    read = trimesh.load(figures["gltf"], process=False).to_geometry()
+    assert read.visual.material.name == "skin.1001"

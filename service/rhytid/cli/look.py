@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.options import add_fps, add_json, add_unit, base_name
+from rhytid.cli.options import add_fps, add_json, add_unit, base_name, readable
 from rhytid.cli.parser import Commands, new_command
 from rhytid.domain.wording import plural
 from rhytid.errors import InputError
@@ -47,6 +47,11 @@ def add_command(commands: Commands) -> None:
     add("--material", type=_prim, metavar="PATH", help=material)
     told = "connect NAME.roughness.*.png and NAME.anisotropy.*.png of bake, too"
     add("--shine", action="store_true", help=told)
+    told = (
+        "mesh of the one frame: write NAME.<FRAME>.glb of it, with NAME.roughness, .anisotropy and "
+        ".normal-gl of its maps as a material"
+    )
+    add("--gltf", type=readable, metavar="MESH", help=told)
     add_json(parser)
     parser.set_defaults(run=run, usage_error=parser.refuse)
 
@@ -59,6 +64,8 @@ def run(arguments: argparse.Namespace) -> None:
 
     look = found(arguments)
     texts = {"look.usda": usd_look(look).encode(), "mtlx": materialx_look(look)}
+    if arguments.gltf is not None:
+        texts[f"{look.frames[0]}.glb"] = _gltf(arguments, look)
     _note_gaps(look.frames)
     files = [arguments.folder / f"{look.name}.{end}" for end in texts]
     for file, text in zip(files, texts.values(), strict=True):
@@ -74,6 +81,8 @@ def run(arguments: argparse.Namespace) -> None:
         "unit": look.unit,
         "scale": look.scale,
     }
+    if arguments.gltf is not None:
+        figures["gltf"] = str(files[2])
     rows = figures | {"udims": ", ".join(map(str, look.udims))}
     report(figures, table(("figure", "value"), rows.items()), arguments.json)
 
@@ -127,6 +136,41 @@ def found(arguments: argparse.Namespace) -> Look:
         arguments.material,
         arguments.shine,
     )
+
+
+def _gltf(arguments: argparse.Namespace, look: Look) -> bytes:
+    """A GLB of the mesh with the maps of the look's frame. Raises InputError."""
+    from rhytid.baking.input_files import mesh_file
+    from rhytid.exports.look_gltf import ShineMaps, write_shining_glb
+
+    if len(look.frames) > 1:
+        raise InputError(f"--gltf is of one frame, DIR has {len(look.frames)}: choose with --frame")
+    maps = {}
+    for udim in look.udims:
+        names = [
+            f"{look.name}.{map}.{udim}.{look.frames[0]}.png"
+            for map in ("roughness", "anisotropy", "normal-gl")
+        ]
+        maps[udim] = ShineMaps(*_of_one_level(arguments.folder, names))
+    return write_shining_glb(mesh_file(arguments.gltf).mesh, maps)
+
+
+def _of_one_level(folder: Path, names: Sequence[str]) -> list[bytes]:
+    """The files; raises InputError where one is missing or their levels differ."""
+    from rhytid.formats.png import read_texts
+
+    for name in names:
+        if not (folder / name).is_file():
+            raise InputError(
+                f"{name} is missing in {folder}: bake with --level and "
+                "--profile roughness anisotropy normal-gl"
+            )
+    files = [(folder / name).read_bytes() for name in names]
+    levels = [read_texts(*file).get("level", "0") for file in zip(files, names, strict=True)]
+    if len(set(levels)) > 1:
+        told = ", ".join(f"{name} of {level}" for name, level in zip(names, levels, strict=True))
+        raise InputError(f"maps of one level are needed, there are {told}: bake with --level")
+    return files
 
 
 def _shine_files(name: str, udims: Sequence[int], frames: Sequence[str]) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -17,7 +17,8 @@ from rhytid.errors import QueryError
 
 # The attribute with the index that each vertex had in the mesh.
 VERTEX = "_VERTEX"
-_LOOK = {"baseColorFactor": [0.6, 0.45, 0.38, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.5}
+SKIN = {"baseColorFactor": [0.6, 0.45, 0.38, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.5}
+PLAIN = {"name": "skin", "pbrMetallicRoughness": SKIN}
 _FLOAT, _UINT = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963
 
@@ -66,11 +67,13 @@ def write_glb(mesh: FlatMesh) -> bytes:
     Without normals readers show facets. Vertices at one place share theirs, so that seams do not
     show.
     """
-    buffer = _Buffer()
-    attributes = _attributes(buffer, mesh, _smooth(mesh))
+    buffer = GlbBuffer()
+    attributes = glb_attributes(buffer, mesh, _smooth(mesh))
     indices = buffer.indices(mesh.faces)
     primitive = {"attributes": attributes, "indices": indices, "material": 0}
-    return _glb({"name": "skin", "primitives": [primitive]}, {"mesh": 0, "name": "skin"}, buffer)
+    return glb_bytes(
+        {"name": "skin", "primitives": [primitive]}, {"mesh": 0, "name": "skin"}, buffer
+    )
 
 
 def _smooth(mesh: FlatMesh) -> NDArray[np.float64]:
@@ -86,7 +89,7 @@ def _smooth(mesh: FlatMesh) -> NDArray[np.float64]:
     for corner in mesh.faces.T:
         at = place[corner]
         sums += np.stack([np.bincount(at, one, count) for one in facing.T], axis=1)
-    return _unit(sums)[place]
+    return unit_vectors(sums)[place]
 
 
 def write_ply(mesh: FlatMesh) -> bytes:
@@ -138,8 +141,8 @@ def write_morph_glb(
     positions are less its centre.  metres: in a mesh unit; scales the node.
     """
     flat = flat_mesh(replace(mesh, centre=ORIGIN))
-    buffer = _Buffer()
-    attributes = _attributes(buffer, flat, normals(mesh)[flat.source])
+    buffer = GlbBuffer()
+    attributes = glb_attributes(buffer, flat, normals(mesh)[flat.source])
     attributes[VERTEX] = buffer.vectors(flat.source[:, None], limits=False)
     indices = buffer.indices(flat.faces)
     primitive: dict[str, Any] = {"attributes": attributes, "indices": indices, "material": 0}
@@ -152,7 +155,7 @@ def write_morph_glb(
     node: dict[str, Any] = {"mesh": 0, "name": name}
     if metres is not None:
         node["scale"] = [metres] * 3
-    return _glb(found, node, buffer)
+    return glb_bytes(found, node, buffer)
 
 
 def normals(mesh: Mesh) -> NDArray[np.float64]:
@@ -163,10 +166,11 @@ def normals(mesh: Mesh) -> NDArray[np.float64]:
     found = np.zeros((len(mesh.positions), 3))
     for column in mesh.faces.T:
         np.add.at(found, column, areas)
-    return _unit(found)
+    return unit_vectors(found)
 
 
-def _unit(found: NDArray[np.float64]) -> NDArray[np.float64]:
+def unit_vectors(found: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The vectors (K, 3) with the length 1; (0, 0, 1) for those without one."""
     length = np.linalg.norm(found, axis=1, keepdims=True)
     unit: NDArray[np.float64] = found / np.where(length > 0.0, length, 1.0)
     unit[length[:, 0] == 0.0] = (0.0, 0.0, 1.0)
@@ -174,7 +178,7 @@ def _unit(found: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @dataclass
-class _Buffer:
+class GlbBuffer:
     """The binary part, and what the document says of it."""
 
     parts: list[bytes] = field(default_factory=list)
@@ -185,7 +189,7 @@ class _Buffer:
     def vectors(self, values: NDArray[Any], *, limits: bool = True) -> int:
         """The accessor of (K, n) numbers as float32."""
         rows = np.ascontiguousarray(values, "<f4")
-        kind = ("SCALAR", "VEC2", "VEC3")[rows.shape[1] - 1]
+        kind = ("SCALAR", "VEC2", "VEC3", "VEC4")[rows.shape[1] - 1]
         accessor: dict[str, Any] = {"componentType": _FLOAT, "count": len(rows), "type": kind}
         if limits:
             accessor |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
@@ -196,16 +200,24 @@ class _Buffer:
         accessor = {"componentType": _UINT, "count": faces.size, "type": "SCALAR"}
         return self._add(np.ascontiguousarray(faces, "<u4").tobytes(), accessor, _INDICES)
 
+    def file(self, data: bytes) -> int:
+        """The view of a file, filled up so that what comes after it begins at four bytes."""
+        self.views.append({"buffer": 0, "byteOffset": self.size, "byteLength": len(data)})
+        whole = data + bytes(-len(data) % 4)
+        self.parts.append(whole)
+        self.size += len(whole)
+        return len(self.views) - 1
+
     def _add(self, data: bytes, accessor: dict[str, Any], target: int) -> int:
-        view = {"buffer": 0, "byteOffset": self.size, "byteLength": len(data), "target": target}
-        self.accessors.append({"bufferView": len(self.views), **accessor})
-        self.views.append(view)
-        self.parts.append(data)
-        self.size += len(data)
+        view = self.file(data)
+        self.views[view]["target"] = target
+        self.accessors.append({"bufferView": view, **accessor})
         return len(self.accessors) - 1
 
 
-def _attributes(buffer: _Buffer, mesh: FlatMesh, smooth: NDArray[np.float64]) -> dict[str, int]:
+def glb_attributes(
+    buffer: GlbBuffer, mesh: FlatMesh, smooth: NDArray[np.float64]
+) -> dict[str, int]:
     """Accessors of positions, normals (W, 3) and UV, whose v grows downwards in glTF."""
     uv = np.stack([mesh.uv[:, 0], 1.0 - mesh.uv[:, 1]], axis=1)
     return {
@@ -215,7 +227,13 @@ def _attributes(buffer: _Buffer, mesh: FlatMesh, smooth: NDArray[np.float64]) ->
     }
 
 
-def _glb(mesh: dict[str, Any], node: dict[str, Any], buffer: _Buffer) -> bytes:
+def glb_bytes(
+    mesh: dict[str, Any],
+    node: dict[str, Any],
+    buffer: GlbBuffer,
+    look: Mapping[str, Any] | None = None,
+) -> bytes:
+    """look: materials and what belongs to them, in place of the plain one."""
     document = {
         "asset": {"version": "2.0", "generator": "rhytid"},
         "scene": 0,
@@ -223,7 +241,7 @@ def _glb(mesh: dict[str, Any], node: dict[str, Any], buffer: _Buffer) -> bytes:
         "nodes": [node],
         "meshes": [mesh],
         # Readers leave texture coordinates out where there is none.
-        "materials": [{"name": "skin", "pbrMetallicRoughness": _LOOK}],
+        **({"materials": [PLAIN]} if look is None else look),
         "accessors": buffer.accessors,
         "bufferViews": buffer.views,
         "buffers": [{"byteLength": buffer.size}],

@@ -141,6 +141,13 @@ def read_layout(data: bytes, name: str) -> PngLayout:
     return PngLayout(width, height, bits, kind)
 
 
+def read_texts(data: bytes, name: str) -> dict[str, str]:
+    """The texts of a PNG by their keys; raises InputError where it is damaged."""
+    with _naming(name), _open(data) as image:
+        image.load()
+        return {key: str(text) for key, text in getattr(image, "text", {}).items()}
+
+
 def _checked_layout(data: bytes, name: str) -> PngLayout:
     """The header of a grey PNG that is not too large."""
     found = read_layout(data, name)
