@@ -16,7 +16,7 @@ from rhytid.pipeline.cells import cells_that_fit, list_by_cell
 from rhytid.pipeline.vectors import VECTOR
 
 _MOST_CELLS = 256
-_TEXELS_A_CELL = 64
+_TEXELS_A_CELL = 16
 # Points that one launch looks up: others get the device between two.
 _MOST_POINTS = 1 << 17
 
