@@ -347,7 +347,7 @@ class Device:
     ) -> None:
         handles = [a.handle if isinstance(a, Buffer) else a for a in arguments]
         compiled = self.programs.kernel(program, kernel, defines)
-        self.programs.tell_sizes(compiled, handles)
+        self.programs.tell_values(compiled, handles)
         pieces = (
             launch_pieces(size, self.info.largest_group)
             if group is None
