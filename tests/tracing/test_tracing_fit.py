@@ -151,6 +151,21 @@ def test_a_fit_never_ends_worse_than_it_began(device, monkeypatch):
     np.testing.assert_array_equal(found.lines.weight, line.weight)
 
 
+def test_no_rest_has_a_larger_range_than_the_scan(device):
+    settings = settings_of()
+    scan = fit.drawn_neutral(
+        device, fit.neutral_graph(one_line(), no_pores(), settings), settings, 1001
+    )
+    deep = one_line(weight=(1.0, 0.9))
+    with Workspace(device) as work:
+        everywhere = np.ones(scan.shape, np.bool_)
+        found = fit.fitted(work, device, deep, no_pores(), scan, everywhere, settings, steps=0)
+    graph = fit.neutral_graph(found.lines, no_pores(), settings)
+    drawn = fit.drawn_neutral(device, graph, settings, 1001)
+    assert np.ptp(scan - drawn) <= np.ptp(scan)
+    assert found.lines.weight.max() > 0.4  # no shallower than needed
+
+
 def test_tiles_change_no_sums(device, monkeypatch):
     settings, maps = settings_of(), (left_over(4), np.zeros((SIDE, SIDE), np.float32))
     lines = one_line()

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
@@ -24,6 +25,7 @@ from rhytid.support import cancellation
 from rhytid.synthesis.progress import Progress, silent
 from rhytid.synthesis.workspace import Workspace
 from rhytid.tracing.elements import (
+    BROADEST,
     TracedLines,
     TracedPores,
     changed,
@@ -44,6 +46,9 @@ _MOST_SHARE, _MOST_WEIGHT, _MOST_SIZE = 0.5, 0.03, 0.15
 _CUSHIONS = 9
 # Texels around a wrinkle of a tile that its layers reach at most.
 _TILE, _AROUND = 1024, 64
+# What weights are times where too much is drawn, how often, and how many texels beside them that
+# may be: nodes are a few texels apart.
+_SHALLOWER, _SHALLOWER_TIMES, _BESIDE = 0.8, 10, 2.0
 # Weights below are no lines or pores.
 _LEAST = 0.01
 
@@ -77,6 +82,7 @@ def fitted(
     if settings.shape.cushion > 0.0:
         lines, pores = _scaled(device, lines, pores, scan, inside, settings)
     best, left, texels = (lines, pores), [], int(np.count_nonzero(inside))
+    rest = np.zeros_like(scan)
     for step in range(steps + 1):
         progress(step / (steps + 1), "fit")
         drawn = drawn_neutral(device, neutral_graph(lines, pores, settings), settings, 1001)
@@ -85,11 +91,48 @@ def fitted(
         left.append(rms_of_some(apart, texels))
         if left[-1] > min(left):
             break
-        best = lines, pores
+        best, rest = (lines, pores), apart
         if step == steps:
             break
         lines, pores = _stepped(work, lines, pores, (apart, drawn), settings)
-    return Fitted(best[0].without_faint(_LEAST), best[1].without_faint(_LEAST), left)
+    lines, pores = _within_range(device, *best, scan, rest, inside, settings)
+    return Fitted(lines.without_faint(_LEAST), pores.without_faint(_LEAST), left)
+
+
+def _within_range(
+    device: Device,
+    lines: TracedLines,
+    pores: TracedPores,
+    scan: NDArray[np.float32],
+    rest: NDArray[np.float32],
+    inside: NDArray[np.bool_],
+    settings: AssetSettings,
+) -> tuple[TracedLines, TracedPores]:
+    """Lines and pores that are shallower where many overlap and draw so deep that the range of the
+    rest would be larger than that of the scan: codes of the residual would have larger steps.
+
+    rest: what they leave, 0 outside.
+    """
+    allowed = np.ptp(scan[inside]) if inside.any() else np.float32(0.0)
+    for _ in range(_SHALLOWER_TIMES):
+        deep = np.argwhere(rest > rest.min() + allowed)
+        if not len(deep):
+            break
+        near = scipy.spatial.cKDTree(deep[:, ::-1])
+        weight = _shallower(near, lines.x, lines.y, lines.half_width, lines.weight)
+        lines = changed(lines, weight, lines.half_width)
+        weight = _shallower(near, pores.x, pores.y, pores.size, pores.weight)
+        pores = changed_pores(pores, weight, pores.size)
+        drawn = drawn_neutral(device, neutral_graph(lines, pores, settings), settings, 1001)
+        rest = np.where(inside, scan - drawn, np.float32(0.0))
+    return lines, pores
+
+
+def _shallower(near: Any, x: Floats, y: Floats, size: Floats, weight: Floats) -> Floats:
+    """Weights, less where a texel of the tree `near` is not much further away than a size."""
+    away, _ = near.query(np.stack([x, y], axis=1), distance_upper_bound=BROADEST + _BESIDE)
+    found: Floats = np.where(away < size + _BESIDE, _SHALLOWER, 1.0) * weight
+    return found
 
 
 def neutral_graph(lines: TracedLines, pores: TracedPores, settings: AssetSettings) -> WrinkleGraph:
