@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from baking.bundles import SMALL, bake, maps, openjd, program, run_job, values, write_shot
+from baking.bundles import bake, maps, openjd, program, run_job, values, write_shot
 from cli.running import only_asset
 from face_data import Face
 from meshes import SmallMesh, bumpy_grid
@@ -129,7 +129,7 @@ def test_a_job_of_the_real_face(tmp_path: Path, face: Face) -> None:
         positions=face.positions, faces=face.faces, uv=face.uv, face_uv=face.face_uv,
         frames=np.stack([face.captured(index) for index in (100, 900, 1700)]),
     )  # fmt: skip
-    given = ["--mesh", str(tmp_path / "shot.npz"), *SMALL, "--name", "face", *BINNED]
+    given = ["--mesh", str(tmp_path / "shot.npz"), "--resolution", "512", "--name", "face", *BINNED]
     given += ["--store", str(tmp_path / "assets")]
     assert main(["bake", *given, "--out", str(tmp_path / "whole")]) == 0
     more = ["--openjd", str(tmp_path / "job"), "--chunk", "2"]
