@@ -179,6 +179,26 @@ def test_a_residual_of_codes_is_refused(traced: Traced, tmp_path: Path) -> None:
     assert main([*map(str, given), "--residual", str(traced.scan)]) != 0
 
 
+def test_what_is_of_another_mesh_or_scan_is_told_before_anything_is_built(
+    traced: Traced, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """A frame with other vertices; a residual ten times as deep as skin can be."""
+    monkeypatch.setattr("rhytid.engine.engine.open_device", lambda *_: pytest.fail("it opened"))
+    frame, deep = tmp_path / "frame.obj", tmp_path / "deep.exr"
+    frame.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    deep.write_bytes(exr(np.linspace(0, 5, SIDE * SIDE, dtype=np.float32).reshape(SIDE, SIDE)))
+    bake = ["bake", traced.mesh, "--out", tmp_path / "maps"]
+    skins = ["--scan", traced.scan, "--scale", RANGE], ["--spacing", 1]
+    for skin in skins:
+        assert main([*map(str, [*bake, *skin, "--frames", frame])]) == 1
+        assert "frame has 3 vertices, the neutral mesh has" in capsys.readouterr().err
+    files = "--graph", traced.out / "graph.safetensors", "--residual", deep, "--strict"
+    given = [*files, "--settings", traced.out / "settings.json", "--unit", "cm"]
+    assert main([*map(str, [*bake, *given])]) == 1
+    assert "scan-depth: residual, UDIM 1001: 95 % of it is 48 mm deep" in capsys.readouterr().err
+
+
 def inside(mesh: Path) -> NDArray[np.bool_]:
     """(SIDE, SIDE) whether the middle of a texel lies in a triangle."""
     with np.load(mesh) as arrays:

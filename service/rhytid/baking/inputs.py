@@ -32,7 +32,7 @@ from rhytid.errors import InputError
 from rhytid.exports.textures.profiles import Profile
 from rhytid.formats.frame_set import Clip
 from rhytid.formats.meshes import MeshFile
-from rhytid.meshes.scan_check import ScanCheck
+from rhytid.meshes.scan_check import ScanCheck, residual_warnings
 from rhytid.support.console import working
 
 
@@ -64,9 +64,11 @@ class BakeInputs:
         mesh = mesh_file(request.mesh, request.clip)
         warnings.notes(mesh.notes)
         frames, part = FrameFiles(mesh, _files(request), request.clip), request.part
-        check_sources(frames.places if part is None else part.select(frames.places))
+        places = frames.places if part is None else part.select(frames.places)
+        check_sources(places)
         new = None
         if skin is not None:
+            frames.read(places[0])  # of another mesh? Said now, not after minutes of building
             if mesh.unit is not None:
                 given = {"unit": mesh.unit, **given}
             given, scanned = scanned_skin(skin, mesh, given, warnings)
@@ -127,6 +129,9 @@ def scanned_skin(
     probably wrong with a scan is printed."""
     if skin.residual:
         residual = residual_files(skin.residual, mesh.mesh)
+        if "unit" in given:  # else that of the graph, which is read later
+            warnings.add(residual_warnings(residual, given["unit"]))
+            warnings.refuse()
         side = len(next(iter(residual.codes.values())))
         shape = {"grain": 0.0, "undulation": 0.0, **given.get("shape", {})}
         return {"resolution": side, **given, "shape": shape}, residual

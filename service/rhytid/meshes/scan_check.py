@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import MESH_UNITS, MILLIMETRES, millimetres
 from rhytid.domain.mesh import Mesh, add_centre
-from rhytid.domain.residual import ScanRelief
+from rhytid.domain.residual import Residual, ScanRelief
 from rhytid.domain.scan import Scan, ScanSettings
 from rhytid.domain.warnings import (
     BLOCK_RATIO,
@@ -315,6 +315,23 @@ class ScanCheck:
         """A length in millimetres, or in mesh units of no known length."""
         factor = millimetres(self.unit)
         return _length(length if factor is None else length * factor, factor is None)
+
+
+def residual_warnings(residual: Residual, unit: str) -> Iterator[InputWarning]:
+    """A warning of each UDIM whose residual is deeper than skin: it is of another scan than its
+    graph, or not in mesh units.  unit: of the mesh."""
+    length = millimetres(unit)
+    if length is None:
+        return
+    for udim in sorted(residual.codes):
+        some = residual.heights(udim)[::4, ::4]  # of millions of texels enough for percentiles
+        depth = float(np.ptp(np.percentile(some, (2.5, 97.5)))) * length
+        if depth > DEEPEST:
+            detail = (
+                f"95 % of it is {_length(depth)} deep, relief of skin is up to {DEEPEST:g} mm "
+                f"deep: is it what `trace` wrote with this graph, in units of the mesh ({unit})?"
+            )
+            yield InputWarning(SCAN_DEPTH, detail, f"residual, UDIM {udim}")
 
 
 def _turned_back(turn: str, given: str | None) -> str:
