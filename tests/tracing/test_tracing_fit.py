@@ -166,6 +166,18 @@ def test_no_rest_has_a_larger_range_than_the_scan(device):
     assert found.lines.weight.max() > 0.4  # no shallower than needed
 
 
+def test_what_is_outside_is_no_part_of_the_range(device):
+    """A scan is rarely around 0, and the rest is 0 where there is no skin."""
+    settings, line = settings_of(), one_line()
+    scan = fit.drawn_neutral(device, fit.neutral_graph(line, no_pores(), settings), settings, 1001)
+    inside = np.ones(scan.shape, np.bool_)
+    inside[:, -32:] = False
+    with Workspace(device) as work:
+        scan += np.float32(1.0)
+        found = fit.fitted(work, device, line, no_pores(), scan, inside, settings, steps=0)
+    np.testing.assert_array_equal(found.lines.weight, line.weight)
+
+
 def test_tiles_change_no_sums(device, monkeypatch):
     settings, maps = settings_of(), (left_over(4), np.zeros((SIDE, SIDE), np.float32))
     lines = one_line()

@@ -115,7 +115,8 @@ def _within_range(
     """
     allowed = np.ptp(scan[inside]) if inside.any() else np.float32(0.0)
     for _ in range(_SHALLOWER_TIMES):
-        deep = np.argwhere(rest > rest.min() + allowed)
+        lowest = rest.min(where=inside, initial=np.float32(np.inf))
+        deep = np.argwhere(inside & (rest > lowest + allowed))
         if not len(deep):
             break
         near = scipy.spatial.cKDTree(deep[:, ::-1])
