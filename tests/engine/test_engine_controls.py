@@ -13,6 +13,7 @@ from rhytid.domain.painted_maps import Controls
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError, LimitError
 from rhytid.storage.asset_ids import asset_id
+from rhytid.storage.records import StoredRequest
 from rhytid.storage.store import AssetStore
 
 RAMP = np.tile(np.linspace(0, 1, 8, dtype=np.float32), (8, 1))
@@ -56,7 +57,7 @@ def test_an_interrupted_build_goes_on_with_them(tmp_path):
         asset = built(engine, new)
         wanted = graph_bytes(engine, asset)
     with AssetStore(tmp_path / "two") as store:
-        store.put_request(asset, new.mesh, new.settings, None, None, new.controls)
+        store.put_request(asset, StoredRequest(new.mesh, new.settings, None, None, new.controls))
     with running(tmp_path / "two") as engine:
         settle(engine, asset)
         assert graph_bytes(engine, asset) == wanted

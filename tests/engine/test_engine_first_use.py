@@ -16,6 +16,7 @@ from rhytid.engine.assets import asset as assets
 from rhytid.engine.assets import upload
 from rhytid.engine.assets.asset import Asset
 from rhytid.errors import StorageError
+from rhytid.storage.records import StoredRequest
 from rhytid.storage.store import AssetStore
 
 
@@ -116,7 +117,7 @@ def test_a_build_that_goes_on_keeps_how_long_uv_are(
 ) -> None:
     wanted, asset = new_asset(), "0" * 16
     with AssetStore(tmp_path) as store:
-        store.put_request(asset, wanted.mesh, wanted.settings, wanted.graph)
+        store.put_request(asset, StoredRequest(wanted.mesh, wanted.settings, wanted.graph))
     monkeypatch.setattr("rhytid.storage.store.read_file", _fails)
     with running(tmp_path) as engine:
         engine.assets.info(asset)  # its notices need it, while it builds

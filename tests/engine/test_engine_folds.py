@@ -14,6 +14,7 @@ from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError
 from rhytid.pipeline.folds import measured_folds
 from rhytid.storage.asset_ids import asset_id
+from rhytid.storage.records import StoredRequest
 from rhytid.storage.store import AssetStore
 from rhytid.synthesis.surface import Surface
 from synthesis import sheets
@@ -124,7 +125,7 @@ def test_an_interrupted_build_goes_on_with_what_expressions_left(tmp_path):
         )  # fmt: skip
     assert folds.tensor.nbytes < 30 * len(MESH.positions)
     with AssetStore(tmp_path / "two") as store:
-        store.put_request(asset, new.mesh, new.settings, None, folds=folds)
+        store.put_request(asset, StoredRequest(new.mesh, new.settings, None, folds=folds))
         again = store.request(asset).folds
         np.testing.assert_array_equal(again.tensor, folds.tensor)
         assert again.moving == folds.moving == 1

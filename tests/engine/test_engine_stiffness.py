@@ -30,6 +30,7 @@ from rhytid.engine.messages import MapQuery
 from rhytid.errors import InputError, NotFoundError, SettingsError
 from rhytid.exports.skin_package.maps import SkinMaps
 from rhytid.storage import AssetStore
+from rhytid.storage.records import StoredRequest
 
 MESH = sheet(udims=2)
 BENT = deform(MESH.positions, 3, 0.15)
@@ -127,7 +128,7 @@ def test_an_interrupted_build_goes_on_with_it(tmp_path):
         wanted = maps(engine, asset, "bent")
     new = stiff()
     with AssetStore(tmp_path / "two") as store:
-        store.put_request(asset, new.mesh, new.settings, new.graph, new.stiffness)
+        store.put_request(asset, StoredRequest(new.mesh, new.settings, new.graph, new.stiffness))
     with running(tmp_path / "two") as engine:
         settle(engine, asset)
         engine.frames.put(asset, "bent", BENT)

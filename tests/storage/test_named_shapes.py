@@ -13,6 +13,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import NotFoundError, StorageError
 from rhytid.storage import AssetStore
+from rhytid.storage.records import StoredRequest
 
 ID = "00112233aabbccdd"
 
@@ -28,7 +29,7 @@ def same(a: Expressions, b: Expressions) -> bool:
 
 @pytest.fixture
 def kept(store: AssetStore, mesh: Mesh, settings: AssetSettings) -> AssetStore:
-    store.put_request(ID, mesh, settings, None)
+    store.put_request(ID, StoredRequest(mesh, settings, None))
     return store
 
 

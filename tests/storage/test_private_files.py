@@ -18,6 +18,7 @@ from rhytid.fleet.fleet_store import FleetStore
 from rhytid.fleet.local_place import LocalPlace
 from rhytid.fleet.options import FleetOptions
 from rhytid.storage import AssetStore
+from rhytid.storage.records import StoredRequest
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
 from rhytid.support.atomic_files import atomic_write
@@ -51,7 +52,7 @@ def filled(
     store: AssetStore, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings, shared: Path
 ) -> None:
     """Everything that a store may have, and a push of it."""
-    store.put_request(OTHER, mesh, settings, graph)
+    store.put_request(OTHER, StoredRequest(mesh, settings, graph))
     store.put_asset(ID, mesh, graph, settings, EXTRA)
     store.put_overlay(ID, settings.with_r_max(0.2))
     moved = mesh.positions[None] + np.float32(1)

@@ -18,6 +18,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import CancelledError, NotFoundError
 from rhytid.storage import AssetStore
+from rhytid.storage.records import StoredRequest
 from rhytid.storage.shared import shared_store
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
@@ -189,7 +190,7 @@ def test_shapes_that_were_sent_here_stay(
     filled: AssetStore, other: AssetStore, mesh: Mesh, settings: AssetSettings, place: str
 ) -> None:
     StoreMirror(filled, SharedStore.at(place)).push(ID, quiet)
-    other.put_request(ID, mesh, settings, None)
+    other.put_request(ID, StoredRequest(mesh, settings, None))
     other.put_shapes(ID, shapes(mesh, "smile"))
 
     assert not fetch(other, place)

@@ -25,7 +25,7 @@ from rhytid.errors import DiskFullError, SnapshotError, StorageError
 from rhytid.formats.graphs import write_graph
 from rhytid.storage import AssetStore
 from rhytid.storage.canonical import canonical, hashed
-from rhytid.storage.records import shape_files, write_overlay
+from rhytid.storage.records import StoredRequest, shape_files, write_overlay
 from storage.disk import Disk
 
 ID = "00112233aabbccdd"
@@ -132,7 +132,7 @@ def test_what_is_there_stays_as_it_is(filled: AssetStore, settings: AssetSetting
 def test_a_request_for_it_is_answered(
     filled: AssetStore, other: AssetStore, mesh: Mesh, settings: AssetSettings
 ) -> None:
-    other.put_request(ID, mesh, settings, None)
+    other.put_request(ID, StoredRequest(mesh, settings, None))
     assert restored(other, taken(filled))
     assert (other.pending(), other.ids()) == ([], [ID])
 

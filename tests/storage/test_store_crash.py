@@ -18,6 +18,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import StorageError
 from rhytid.storage import AssetStore
+from rhytid.storage.records import StoredRequest
 from storage.disk import Disk, PowerCutError
 
 ID = "00112233aabbccdd"
@@ -49,7 +50,7 @@ def change(
     """What was done before, and the change that fails."""
 
     def ask(store: AssetStore) -> None:
-        store.put_request(ID, mesh, settings, graph)
+        store.put_request(ID, StoredRequest(mesh, settings, graph))
 
     def build(store: AssetStore) -> None:
         store.put_asset(ID, mesh, graph, settings, {})
@@ -154,7 +155,7 @@ def test_interrupted_build_is_pending_after_a_restart(
     folder: Path, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings
 ) -> None:
     with AssetStore(folder) as store:
-        store.put_request(ID, mesh, settings, None)
+        store.put_request(ID, StoredRequest(mesh, settings, None))
         with pytest.MonkeyPatch.context() as patch:
             Disk(patch, fatal=5)
             with pytest.raises(PowerCutError):

@@ -19,6 +19,7 @@ from rhytid.domain.painted_maps import Stiffness
 from rhytid.errors import StorageError
 from rhytid.storage import AssetStore, StoredAsset
 from rhytid.storage.canonical import canonical
+from rhytid.storage.records import StoredRequest
 
 ID = "00112233aabbccdd"
 FILES = (
@@ -50,7 +51,7 @@ def stored(
     if request.param == "asset":
         store.put_asset(ID, mesh, graph, settings, {"spacing": 1.5}, STIFFNESS)
     else:
-        store.put_request(ID, mesh, settings, graph, STIFFNESS)
+        store.put_request(ID, StoredRequest(mesh, settings, graph, STIFFNESS))
     read = getattr(store, request.param)
     return folder / "assets" / ID / request.param, lambda: read(ID)
 
@@ -217,7 +218,7 @@ def test_a_folder_that_cannot_be_read_does_not_keep_the_store_from_opening(
         if kind == "built":
             store.put_asset(bad, mesh, graph, settings, {})
         elif kind == "requested":
-            store.put_request(bad, mesh, settings, graph)
+            store.put_request(bad, StoredRequest(mesh, settings, graph))
     if kind == "empty":
         home.mkdir()
     if kind == "link to itself":
@@ -231,7 +232,7 @@ def test_a_folder_that_cannot_be_read_does_not_keep_the_store_from_opening(
             with pytest.raises(StorageError, match=f"{bad}.* cannot be read"):
                 call(bad)
         with pytest.raises(StorageError):
-            store.put_request(bad, mesh, settings, graph)
+            store.put_request(bad, StoredRequest(mesh, settings, graph))
     if kind == "link to itself":
         home.unlink()
     else:

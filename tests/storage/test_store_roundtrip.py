@@ -16,7 +16,7 @@ from rhytid.domain.painted_maps import Stiffness
 from rhytid.errors import NotFoundError, StorageError
 from rhytid.storage import AssetStore
 from rhytid.storage.canonical import hashed
-from rhytid.storage.records import read_overlay, write_overlay
+from rhytid.storage.records import StoredRequest, read_overlay, write_overlay
 from rhytid.support import atomic_files
 
 ID, OTHER = "00112233aabbccdd", "ffffffffffffffff"
@@ -54,7 +54,7 @@ def test_stiffness_comes_back_of_requests_and_assets(
 ) -> None:
     maps = {1002: np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4), 1001: np.ones((1, 1))}
     with AssetStore(folder) as store:
-        store.put_request(ID, mesh, settings, graph, Stiffness(maps))
+        store.put_request(ID, StoredRequest(mesh, settings, graph, Stiffness(maps)))
         store.put_asset(OTHER, mesh, graph, settings, {}, Stiffness(maps))
     with AssetStore(folder) as store:
         for kept in (store.request(ID).stiffness, store.asset(OTHER).stiffness):
@@ -69,7 +69,7 @@ def test_request_is_pending_until_the_asset_is_put(
     folder: Path, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings, given: bool
 ) -> None:
     with AssetStore(folder) as store:
-        store.put_request(ID, mesh, settings, graph if given else None)
+        store.put_request(ID, StoredRequest(mesh, settings, graph if given else None))
     with AssetStore(folder) as store:
         assert store.pending() == [ID]
         assert store.ids() == []
@@ -86,11 +86,11 @@ def test_request_is_pending_until_the_asset_is_put(
 def test_repeated_request_changes_nothing(
     store: AssetStore, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings
 ) -> None:
-    store.put_request(ID, mesh, settings, None)
-    store.put_request(ID, mesh, settings, graph)
+    store.put_request(ID, StoredRequest(mesh, settings, None))
+    store.put_request(ID, StoredRequest(mesh, settings, graph))
     assert store.request(ID).graph is None
     store.put_asset(ID, mesh, graph, settings, {})
-    store.put_request(ID, mesh, settings, None)
+    store.put_request(ID, StoredRequest(mesh, settings, None))
     assert store.pending() == []
 
 
@@ -122,7 +122,7 @@ def test_deleted_asset_leaves_nothing(
     with AssetStore(folder) as store:
         store.put_asset(ID, mesh, graph, settings, {})
         store.put_overlay(ID, settings.with_r_max(0.3))
-        store.put_request(OTHER, mesh, settings, None)
+        store.put_request(OTHER, StoredRequest(mesh, settings, None))
         store.delete(ID)
         store.delete(OTHER)
         assert (store.ids(), store.pending()) == ([], [])
@@ -170,7 +170,7 @@ def test_only_ids_touch_paths(
         lambda: store.overlay(bad),
         lambda: store.delete(bad),
         lambda: store.put_overlay(bad, settings),
-        lambda: store.put_request(bad, mesh, settings, None),
+        lambda: store.put_request(bad, StoredRequest(mesh, settings, None)),
         lambda: store.put_asset(bad, mesh, graph, settings, {}),
     )
     for call in calls:

@@ -25,12 +25,11 @@ from pathlib import Path
 from typing import Any
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.expressions import Expressions, Folds
+from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.painted_maps import Controls, Stiffness
-from rhytid.domain.residual import Residual, ScanRelief
-from rhytid.domain.warnings import InputWarning
+from rhytid.domain.painted_maps import Stiffness
+from rhytid.domain.residual import Residual
 from rhytid.errors import NotFoundError, StorageError
 from rhytid.storage.asset_snapshots import AssetSnapshots
 from rhytid.storage.folders import PACKAGES, StoreFolders
@@ -116,26 +115,11 @@ class AssetStore:
         )
         return [home.name for home in waiting if not is_built(home)]
 
-    def put_request(
-        self,
-        id: str,
-        mesh: Mesh,
-        settings: AssetSettings,
-        graph: WrinkleGraph | None,
-        stiffness: Stiffness | None = None,
-        controls: Controls | None = None,
-        folds: Folds | None = None,
-        residual: Residual | None = None,
-        scan: ScanRelief | None = None,
-        noted: tuple[InputWarning, ...] = (),
-    ) -> None:
+    def put_request(self, id: str, request: StoredRequest) -> None:
         """Store what a caller sent until the asset is built. Nothing is changed where the store has
         that id."""
         home = self._folders.home(id)
         if not holds_something(home):
-            request = StoredRequest(
-                mesh, settings, graph, stiffness, controls, folds, residual, scan, noted
-            )
             self._folders.seal(home, REQUEST, request.files())
 
     def request(self, id: str) -> StoredRequest:

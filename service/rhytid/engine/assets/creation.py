@@ -31,6 +31,7 @@ from rhytid.engine.shared_assets import SharedAssets
 from rhytid.errors import FatalRequestError, NotFoundError
 from rhytid.pipeline.folds import measured_folds
 from rhytid.pipeline.work import DrawLimit
+from rhytid.storage.records import StoredRequest
 from rhytid.storage.store import AssetStore
 from rhytid.synthesis.capacity import check_amount
 
@@ -199,10 +200,11 @@ class AssetRegistration:
             if self._stored.restore(asset):
                 self._add_frames(asset, upload.frames)
                 return
-            self._store.put_request(
-                asset.id, new.mesh, new.settings, new.graph, new.stiffness, new.controls, folds,
+            request = StoredRequest(
+                new.mesh, new.settings, new.graph, new.stiffness, new.controls, folds,
                 new.residual, new.scan, new.noted,
             )  # fmt: skip
+            self._store.put_request(asset.id, request)
             self._builder.start(asset, self._frames_work(asset, upload.frames))
         except BaseException:
             asset.state = "removed"
