@@ -161,7 +161,9 @@ def test_both_sides_of_a_seam_are_alike(device):
     relief = -0.5 * DEPTH * reference.line_profile(away / 0.03, 2.5)
     relief = np.where(np.isnan(relief), 0.0, relief).astype(np.float32)
     settings = settings_of(side)
-    found = trace(device, mesh, {1001: relief}, settings, TraceSettings(spacing=0.1, steps=6))
+    how, seen = TraceSettings(spacing=0.1, steps=6), []
+    found = trace(device, mesh, {1001: relief}, settings, how, lambda f, s: seen.append((s, f)))
+    assert len({share for stage, share in seen if stage == "seams"}) > 1
     assert (found.graph.edge_copy_of >= 0).any()
     drawn = drawn_neutral(device, found.graph, traced_settings(settings), 1001)
     places = seam_places(mesh, Surface.of(mesh).carries, 0.01, 0.3)

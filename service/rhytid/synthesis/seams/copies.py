@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rhytid.domain.asset_settings import CUSHION_THRESHOLD, ResponseSettings, ShapeSettings
 from rhytid.domain.graph import LEAST_SIZE, ORIGINAL, STEEPEST
 from rhytid.domain.mesh import UV_LIMIT
+from rhytid.synthesis.progress import Progress, part, silent
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.footprints import Footprints, Placements
 from rhytid.synthesis.seams.seams import FURTHER, PLACES, WIDEST, Seams
@@ -28,7 +29,13 @@ _BROADEST = FURTHER + ShapeSettings().cushion_width * math.exp(
 _LONGEST = 500.0
 
 
-def with_copies(arrays: Arrays, surface: Surface, borders: Borders, spacing: float) -> Arrays:
+def with_copies(
+    arrays: Arrays,
+    surface: Surface,
+    borders: Borders,
+    spacing: float,
+    progress: Progress = silent,
+) -> Arrays:
     """The arrays of a graph with the copies of its pores and wrinkles after these; themselves
     where nothing reaches over a seam.
 
@@ -37,8 +44,9 @@ def with_copies(arrays: Arrays, surface: Surface, borders: Borders, spacing: flo
     """
     if len(borders.seams):
         seams = Seams(borders, PLACES * spacing)
-        pores = copied_pores(arrays, borders, seams)
-        found = pores, copied_wrinkles(arrays, surface, borders, seams)
+        of_pores, of_wrinkles = part(progress, 0.0, 0.5), part(progress, 0.5, 1.0)
+        pores = copied_pores(arrays, borders, seams, of_pores)
+        found = pores, copied_wrinkles(arrays, surface, borders, seams, of_wrinkles)
         first = len(arrays["node_uv"]) + len(found[0]["node_uv"])
         found[1]["edge_nodes"] += first
         arrays = {
@@ -56,7 +64,9 @@ def _without_empty(arrays: Arrays) -> Arrays:
     return {name: array for name, array in arrays.items() if needed.get(name, True)}
 
 
-def copied_pores(arrays: Arrays, borders: Borders, seams: Seams) -> Arrays:
+def copied_pores(
+    arrays: Arrays, borders: Borders, seams: Seams, progress: Progress = silent
+) -> Arrays:
     """The nodes of the copies of pores, by their names in a graph."""
     own = (arrays["node_copy_of"] == ORIGINAL) & (arrays["node_weight"] > 0)
     rows = np.flatnonzero(own)
@@ -64,7 +74,8 @@ def copied_pores(arrays: Arrays, borders: Borders, seams: Seams) -> Arrays:
     chart = borders.chart[arrays["node_triangle"][rows]]
     metric = full(arrays["node_metric"][rows])
     none, widest = np.zeros_like(centre), np.full(len(rows), WIDEST)
-    placements = seams.placements(Footprints(centre, none, roots(metric), chart, widest, none))
+    footprints = Footprints(centre, none, roots(metric), chart, widest, none)
+    placements = seams.placements(footprints, progress)
     there = turned(metric[placements.of], placements.turn)
     radius = arrays["node_radius"][rows[placements.of]] * placements.growth()
     place = placements.at(centre[placements.of])
@@ -81,7 +92,13 @@ def copied_pores(arrays: Arrays, borders: Borders, seams: Seams) -> Arrays:
     }
 
 
-def copied_wrinkles(arrays: Arrays, surface: Surface, borders: Borders, seams: Seams) -> Arrays:
+def copied_wrinkles(
+    arrays: Arrays,
+    surface: Surface,
+    borders: Borders,
+    seams: Seams,
+    progress: Progress = silent,
+) -> Arrays:
     """The copied wrinkles, and the nodes without strength that they end at.
 
     `edge_nodes` count from the first of these nodes on. Wrinkles of `arrays` that reach a seam get
@@ -89,7 +106,7 @@ def copied_wrinkles(arrays: Arrays, surface: Surface, borders: Borders, seams: S
     copied.
     """
     footprints, metric = _round_on_surface(arrays, surface, borders)
-    placements = seams.placements(footprints)
+    placements = seams.placements(footprints, progress)
     placements, width = _held(arrays, footprints, metric, placements)
     _give_metrics(arrays, seams, footprints, metric, placements)
     of, count = placements.of, len(placements)

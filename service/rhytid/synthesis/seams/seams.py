@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 
 from rhytid.support import cancellation
+from rhytid.synthesis.progress import Progress, silent
 from rhytid.synthesis.seams.border_places import MOST_PAIRS, BorderPlaces, TooManyPairs
 from rhytid.synthesis.seams.borders import NONE, Borders
 from rhytid.synthesis.seams.footprints import Footprints, Placements
@@ -46,12 +47,14 @@ class Seams:
         self._places = BorderPlaces.on(borders, apart)
         self._search = Search(borders, self._places)
 
-    def placements(self, footprints: Footprints) -> Placements:
+    def placements(self, footprints: Footprints, progress: Progress = silent) -> Placements:
         """The placements of elements in other charts than their own, in the order of the
         elements."""
-        blocks = self._blocks(footprints)
-        found = (self._within_limits(footprints, some) for some in blocks)
-        return Placements.join([Placements.originals(np.zeros(0, np.int64)), *found])
+        blocks, found = self._blocks(footprints), [Placements.originals(np.zeros(0, np.int64))]
+        for done, some in enumerate(blocks):
+            progress(done / len(blocks), "seams")
+            found.append(self._within_limits(footprints, some))
+        return Placements.join(found)
 
     def reaching(self, footprints: Footprints) -> IntArray:
         """Rows of the footprints that reach a seam of their chart."""
