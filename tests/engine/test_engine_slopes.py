@@ -21,7 +21,7 @@ from rhytid.engine.messages import SLOPES, MapQuery
 from rhytid.engine.tiles.slopes import SlopeDrawing
 from rhytid.errors import CancelledError, DeviceMemoryError
 from rhytid.pipeline import slopes
-from rhytid.pipeline.slopes import Band, SlopeWork
+from rhytid.pipeline.slopes import Band, SlopeChart, SlopeWork
 
 UDIM = 1012
 
@@ -195,17 +195,22 @@ def test_levels_stop_when_nobody_waits(engine, monkeypatch):
     assert len(drawn) == 1
 
 
-def test_a_chart_is_made_once_for_all_who_ask(engine, monkeypatch):
+def test_a_chart_is_made_in_steps_once_for_all_who_ask(engine, monkeypatch):
     asset = built(engine, new_asset())
-    codes, made = DeviceSlopes.codes, []
-    monkeypatch.setattr(
-        DeviceSlopes, "codes", lambda *given: made.append(1) or time.sleep(0.1) or codes(*given)
-    )
+    of, made = SlopeChart.of, []
+
+    def slow(device, *given):
+        made.append(device.steps)
+        time.sleep(0.1)
+        return of(device, *given)
+
+    monkeypatch.setattr(SlopeChart, "of", slow)
     places = [TileAddress(1001, 0, 0, column) for column in range(4)]
     plans = [engine.tiles.plan(asset, "neutral", slopes_of(REDRAW), place) for place in places]
     with ThreadPoolExecutor() as threads:
         list(threads.map(lambda plan: plan.draw(), plans))
     assert len(made) == 1
+    assert made[0] is not None
 
 
 def test_nothing_is_kept_of_settings_that_changed_meanwhile(engine, monkeypatch):

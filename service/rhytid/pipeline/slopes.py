@@ -91,15 +91,22 @@ class SlopeChart(BufferGroup):
         rows: int,
     ) -> SlopeChart:
         """triangles, codes: (R, R) of each texel, row 0 at the top, R at least 2 VECTOR.  rows: of
-        a strip."""
+        a strip. In steps, where the thread uses the device so."""
         side = len(codes)
         strips = tuple(
             _Strip.of(device, row, triangles[row : row + rows], codes[row : row + rows])
             for row in range(0, side, rows)
         )
-        inside = device.upload(((codes & INSIDE) > 0).astype(np.float32))
-        above = coarser(device, [Part(0, 0, side, inside)], side, side.bit_length() - 1)
-        inside.release()
+        inside = [
+            Part(
+                row, column, rows, _shares(device, codes[row : row + rows, column : column + rows])
+            )
+            for row in range(0, side, rows)
+            for column in range(0, side, rows)
+        ]
+        above = coarser(device, inside, side, side.bit_length() - 1)
+        for part in inside:
+            part.buffer.release()
         return cls(side, corner, strips, above)
 
     @property
@@ -109,6 +116,11 @@ class SlopeChart(BufferGroup):
     def strip_of(self, row: int) -> _Strip:
         """The strip that a row lies in."""
         return self.strips[row // self.strips[0].rows]
+
+
+def _shares(device: Device, codes: NDArray[np.uint8]) -> Buffer:
+    """1 where a triangle is under a texel, else 0."""
+    return device.upload(((codes & INSIDE) > 0).astype(np.float32))
 
 
 def strip_rows(side: int, tile: int) -> int:

@@ -7,6 +7,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
+from itertools import product
 from typing import Any, TypeVar
 
 import numpy as np
@@ -49,6 +50,8 @@ T = TypeVar("T", bound=Releasable)
 # Frames of an asset whose stretch, and what follows from it, stay on the device. A task uses two at
 # most, its frame and the neutral, so none is dropped in the task that uses it.
 RECENT_FRAMES = 8
+# Texels per side whose triangles are found at once.
+_PIECE = 2048
 
 
 class DeviceMesh:
@@ -146,12 +149,16 @@ class DeviceMesh:
         self._wrinkle_stiffness = of(wrinkles, self._wrinkle_triangle)
 
     def texel_triangles(self, udim: int) -> NDArray[np.int32]:
-        """(R, R) triangle of each texel of level 0; the number of triangles for none."""
+        """(R, R) triangle of each texel of level 0; the number of triangles for none. In steps,
+        where the thread uses the device so."""
         side = self.settings.resolution
-        found = self.located[udim].texels(side, 0, 0, side)
-        result: NDArray[np.int32] = self.device.read(found, (side, side), np.int32)
-        found.release()
-        return result
+        piece, out = min(side, _PIECE), np.empty((side, side), np.int32)
+        for row, column in product(range(0, side, piece), repeat=2):
+            found = self.located[udim].texels(side, row, column, piece)
+            read = self.device.read(found, (piece, piece), np.int32)
+            out[row : row + piece, column : column + piece] = read
+            found.release()
+        return out
 
     def cushion_lines(self, udim: int) -> LineSources:
         """What the wrinkles of a UDIM answer to stretch by, for the owners of cushions. Raises

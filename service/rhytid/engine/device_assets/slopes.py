@@ -8,9 +8,6 @@ UDIM it is 2 bytes.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rhytid.device.buffer import Buffer
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.tiles import udim_origin
@@ -44,20 +41,16 @@ class DeviceSlopes:
         """Whether the chart of a UDIM is there."""
         return self._chart(udim) is not None
 
-    def codes(self, udim: int, triangles: NDArray[np.int32]) -> NDArray[np.uint8]:
-        """The codes of a UDIM. Work of the host, for any thread."""
-        joined(self._base.mesh)  # which is kept: it takes long, and tangent frames need it
-        return neighbour_codes(self._base.mesh, udim, triangles)
-
-    def take_chart(
-        self, udim: int, triangles: NDArray[np.int32], codes: NDArray[np.uint8]
-    ) -> SlopeChart:
-        """Keep the chart of a UDIM.  triangles, codes: (R, R) of its texels."""
-        at = udim_origin(udim), self._rows
-        return self._base.cache.keep(
-            "slope chart", udim,
-            make=lambda: SlopeChart.of(self._base.device, triangles, codes, *at),
-        )  # fmt: skip
+    def make_chart(self, udim: int) -> None:
+        """Make and keep the chart of a UDIM; on a thread that uses the device in steps, see
+        `Device.in_steps`."""
+        base, device = self._base, self._base.device
+        triangles = base.texel_triangles(udim)
+        joined(base.mesh)  # which is kept: it takes long, and tangent frames need it
+        codes = neighbour_codes(base.mesh, udim, triangles)
+        made = SlopeChart.of(device, triangles, codes, udim_origin(udim), self._rows)
+        device.step(lambda: base.cache.keep("slope chart", udim, make=lambda: made))
+        device.hand_over()
 
     def kept(
         self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square

@@ -5,20 +5,18 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.tiles import MapAddress
 from rhytid.engine import call_context
 from rhytid.engine.assets.asset import Asset
-from rhytid.engine.assets.on_device import DeviceAssets
-from rhytid.engine.device_assets.asset import DeviceAsset
+from rhytid.engine.assets.on_device import DeviceAssets, Evicted
 from rhytid.engine.device_assets.slopes import DeviceSlopes
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import DISPLACEMENT, MapQuery, Tile
@@ -184,7 +182,8 @@ class SlopeDrawing:
         return out
 
     def _ensure_chart(self, one: _Wanted) -> None:
-        """Have what does not change with the frame on the device. Host work is done here."""
+        """Have what does not change with the frame on the device, made in steps, unless the asset
+        is dropped or its settings change meanwhile."""
 
         def has(slopes: DeviceSlopes) -> bool:
             return slopes.has_chart(one.udim)
@@ -192,15 +191,8 @@ class SlopeDrawing:
         if not self._use(one, has):
             with _alone(self._charting):
                 if not self._use(one, has):
-                    self._make_chart(one)
-
-    def _make_chart(self, one: _Wanted) -> None:
-        def read(resident: DeviceAsset) -> NDArray[np.int32]:
-            return resident.mesh.texel_triangles(one.udim)
-
-        triangles = self._on_device.use(one.asset, read, patiently=True)
-        codes = self._on_device.loaded(one.asset).slopes.codes(one.udim, triangles)
-        self._use(one, lambda slopes: slopes.take_chart(one.udim, triangles, codes))
+                    with suppress(Evicted), self._on_device.stepwise(one.asset) as resident:
+                        resident.slopes.make_chart(one.udim)
 
     def _use(self, one: _Wanted, task: Callable[[DeviceSlopes], T], *, patiently: bool = True) -> T:
         """Run a task of the device with the slopes of the asset."""
