@@ -108,6 +108,8 @@ class RHYTID_OT_open(Simple, bpy.types.Operator):
         folder = Path(bpy.path.abspath(self.directory))
         maps = found(folder, self.name)
         offline.opened(obj, maps, None if self.start < 0 else self.start)
+        if ours(obj).shine and maps.shine.file(maps.udims[0], maps.frames[0]).exists():
+            offline.shine(obj, maps)
         done = rendering.set_up(obj, scene_of(context))
         first, last = maps.frames[0], maps.frames[-1]
         return "; ".join([f"Files {first} to {last} of {maps.name}", *done])

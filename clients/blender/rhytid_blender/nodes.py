@@ -77,6 +77,13 @@ def connect_shine(obj: bpy.types.Object, image: bpy.types.Image) -> None:
         _shine(tree, shader, image, ours(obj).uv_map)
 
 
+def disconnect_shine(obj: bpy.types.Object) -> None:
+    """Take out what `connect_shine` made: inputs have the values that they had before."""
+    for tree in trees(obj):
+        for node in [node for node in tree.nodes if node.name.startswith(SHINE)]:
+            tree.nodes.remove(node)
+
+
 def _shine(tree: Any, shader: Any, image: bpy.types.Image, uv_map: str) -> None:
     """Anisotropy is the length of (2 green - 1, 2 blue - 1), the axis has half their angle: as such
     they are filtered without the jump that an angle has."""

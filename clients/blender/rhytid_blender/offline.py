@@ -13,6 +13,7 @@ from .typed import scene_of
 
 def opened(obj: bpy.types.Object, maps: MapSequence, start: int | None = None) -> None:
     """Let the object show a sequence from the frame `start`, that of its first number if None.
+    Shine of a sequence before is disconnected.
 
     Raises Trouble, the object as it was, where its unit or its materials do not allow it.
     """
@@ -27,6 +28,8 @@ def opened(obj: bpy.types.Object, maps: MapSequence, start: int | None = None) -
     given.uv_map, given.factor = meshes.uv_map(obj), factor
     image = images.image_of(obj, images.portable(maps.path(given.first)), list(maps.udims))
     nodes.set_up(obj)
+    given.shine_pattern = ""
+    nodes.disconnect_shine(obj)
     if maps.tiled:
         _show(obj, scene_of(bpy.context).frame_current)
     else:
@@ -44,6 +47,7 @@ def shine(obj: bpy.types.Object, maps: MapSequence) -> None:
         given.shine_image.name = f"rhytid shine {obj.name}"
     images.show(given.shine_image, first, udims)
     nodes.connect_shine(obj, given.shine_image)
+    given.shine_pattern = images.portable(maps.shine.pattern)
     if not maps.tiled:
         given.shine_image.source = "SEQUENCE"
     play(obj)
@@ -73,18 +77,20 @@ def show_frame(scene: bpy.types.Scene) -> None:
 
 
 def _show(obj: bpy.types.Object, frame: int) -> None:
-    given, path = ours(obj), path_at(obj, frame)
-    if given.image is not None and given.image.filepath != path:
-        images.show(given.image, path, given.udim_list())
-    beside = given.shine_image
-    if beside is not None and given.shine:
-        folder, _, name = path.rpartition("/")
-        other = name.replace(".", ".shine.", 1).removesuffix("exr") + "png"
-        images.show(beside, f"{folder}/{other}" if folder else other, given.udim_list())
+    given = ours(obj)
+    shown = (given.image, given.pattern), (given.shine_image, given.shine_pattern)
+    for image, pattern in shown:
+        path = _path_at(obj, pattern, frame)
+        if image is not None and path and image.filepath != path:
+            images.show(image, path, given.udim_list())
 
 
 def path_at(obj: bpy.types.Object, frame: int) -> str:
     """The path of the map that an object plays at a frame of the scene."""
+    return _path_at(obj, ours(obj).pattern, frame)
+
+
+def _path_at(obj: bpy.types.Object, pattern: str, frame: int) -> str:
     given = ours(obj)
     file = min(max(frame - given.start + given.first, given.first), given.last)
-    return given.pattern.replace("<FRAME>", f"{file:0{given.digits}d}")
+    return pattern.replace("<FRAME>", f"{file:0{given.digits}d}")

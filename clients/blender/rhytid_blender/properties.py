@@ -70,6 +70,7 @@ class RhytidProperties(bpy.types.PropertyGroup):
         last: int
         image: bpy.types.Image | None
         shine_image: bpy.types.Image | None
+        shine_pattern: str
     else:  # Blender reads annotations, which hold calls
         strength: FloatProperty(
             name="Strength",
@@ -135,6 +136,7 @@ class RhytidProperties(bpy.types.PropertyGroup):
         last: IntProperty()
         image: PointerProperty(type=bpy.types.Image)
         shine_image: PointerProperty(type=bpy.types.Image)
+        shine_pattern: StringProperty()
 
     def udim_list(self) -> list[int]:
         """The UDIMs of the map."""

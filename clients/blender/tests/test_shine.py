@@ -64,6 +64,24 @@ def test_shine_is_baked_and_connected(
     assert abs(axis.real * axes[0, 1] + axis.imag * axes[1, 1]) == pytest.approx(1.0, abs=1e-3)
 
 
+def test_shine_goes_with_the_sequence_that_it_is_of(
+    sheet: bpy.types.Object, tmp_path: Path
+) -> None:
+    sheet.rhytid.shine = True
+    bpy.ops.rhytid.bake()
+    tree, other = sheet.active_material.node_tree, tmp_path / "other"
+    other.mkdir()
+    for file in (tmp_path / "maps").glob("*.exr"):
+        (other / file.name).write_bytes(file.read_bytes())
+    roughness = tree.nodes["Principled BSDF"].inputs["Roughness"]
+    for folder, linked in ((other, False), (tmp_path / "maps", True)):
+        assert bpy.ops.rhytid.open(directory=str(folder)) == {"FINISHED"}
+        assert roughness.is_linked == linked
+    sheet.rhytid.shine = False
+    bpy.ops.rhytid.bake()
+    assert not roughness.is_linked
+
+
 def pixels(path: Path) -> np.ndarray:
     """(h, w, 3): red, and 2 value - 1 of green and blue."""
     image = bpy.data.images.load(str(path))
