@@ -86,8 +86,10 @@ def _trouble_of_file(scene: bpy.types.Scene, obj: bpy.types.Object) -> str:
     image = ours(obj).image
     if image is None or image.packed_files:
         return ""
-    path = offline.path_at(obj, scene.frame_current) if ours(obj).baked else image.filepath
-    found = images.files(image, path, ours(obj).udim_list())
+    given, path = ours(obj), image.filepath
+    if given.baked:
+        path = offline.path_at(obj, given.pattern, scene.frame_current)
+    found = images.files(image, path, given.udim_list())
     missing = next((file for file in found if not file.is_file()), None)
     if missing is None:
         return ""

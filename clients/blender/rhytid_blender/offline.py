@@ -80,17 +80,13 @@ def _show(obj: bpy.types.Object, frame: int) -> None:
     given = ours(obj)
     shown = (given.image, given.pattern), (given.shine_image, given.shine_pattern)
     for image, pattern in shown:
-        path = _path_at(obj, pattern, frame)
+        path = path_at(obj, pattern, frame)
         if image is not None and path and image.filepath != path:
             images.show(image, path, given.udim_list())
 
 
-def path_at(obj: bpy.types.Object, frame: int) -> str:
-    """The path of the map that an object plays at a frame of the scene."""
-    return _path_at(obj, ours(obj).pattern, frame)
-
-
-def _path_at(obj: bpy.types.Object, pattern: str, frame: int) -> str:
+def path_at(obj: bpy.types.Object, pattern: str, frame: int) -> str:
+    """The path of the file of a pattern that an object plays at a frame of the scene."""
     given = ours(obj)
     file = min(max(frame - given.start + given.first, given.first), given.last)
     return pattern.replace("<FRAME>", f"{file:0{given.digits}d}")

@@ -20,7 +20,7 @@ from rhytid.exports.meshes import (
     glb_bytes,
     unit_vectors,
 )
-from rhytid.exports.textures.tangents import Posed
+from rhytid.exports.textures.tangents import Posed, dot
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def _frames(mesh: Mesh, flat: FlatMesh) -> tuple[NDArray[np.float64], NDArray[np
     tangent[corners, :3] = posed.tangents.reshape(-1, 3)
     tangent[corners, 3] = np.repeat(np.where(posed.signs < 0, -1.0, 1.0), 3)
     along = tangent[:, :3]
-    flat_on = along - np.sum(along * normal, axis=1, keepdims=True) * normal
+    flat_on = along - dot(along, normal) * normal
     length = np.linalg.norm(flat_on, axis=1, keepdims=True)
     other = np.cross(
         normal, np.where(np.abs(normal[:, :1]) < 0.9, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))

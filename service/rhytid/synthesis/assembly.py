@@ -208,8 +208,7 @@ class GraphParts:
                 factor[rows] *= weight[rows] ** (fields.contrast(triangle, middle) - 1.0)
             if ranks is not None:
                 factor[rows] *= ranked.factor
-                limit = np.where(ranked.leads, ranked.most, np.float32(np.inf))
-                np.minimum(factor[rows], limit, out=factor[rows])
+                np.minimum(factor[rows], ranked.most, out=factor[rows])
         second = slice(lines.whole, None)
         factor[second] = factor[lines.copy_of[second]]  # both halves across a seam are one wrinkle
         return weight, factor, half_width, wide

@@ -50,9 +50,10 @@ class Ranks:
 
     weight (E,) float32: of leaders, before factors of the skin; 0 of other edges.  most (E,)
     float32: the largest factor of the skin of leaders: with it one is as deep as lines can be in
-    its middle, and tapers from there as others do.  width (E,) float32: half widths of leaders, in
-    pore spacings.  quiet (N,) float32: factor of the weight of other lines at each pore.  of_pores
-    (N,) float32: factor of the depth of the pores.  rank: the setting.
+    its middle, and tapers from there as others do; infinite of other edges.  width (E,) float32:
+    half widths of leaders, in pore spacings.  quiet (N,) float32: factor of the weight of other
+    lines at each pore.  of_pores (N,) float32: factor of the depth of the pores.  rank: the
+    setting.
     """
 
     weight: Singles
@@ -77,7 +78,8 @@ class Ranks:
         """
         rank, worn = settings.rank, wear(settings.age)
         edge, depth, size, profile = _edges_along(net, leaders)
-        weight, most, width = (np.zeros(len(net.edges), np.float32) for _ in range(3))
+        weight, width = (np.zeros(len(net.edges), np.float32) for _ in range(2))
+        most = np.full(len(net.edges), np.inf, np.float32)
         middle = _DEEPEST * _OLD**worn * min(rank, 1.0) * depth / np.maximum(profile, _TINY)
         middle = np.clip(middle, _TINY, 1.0)
         weight[edge], most[edge] = middle * profile, 1.0 / middle

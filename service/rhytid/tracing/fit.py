@@ -85,9 +85,8 @@ def fitted(
     rest = np.zeros_like(scan)
     for step in range(steps + 1):
         progress(step / (steps + 1), "fit")
-        drawn = drawn_neutral(device, neutral_graph(lines, pores, settings), settings, 1001)
-        apart = scan - drawn
-        apart *= inside
+        drawn = _drawn(device, lines, pores, settings)
+        apart = _apart(scan, drawn, inside)
         left.append(rms_of_some(apart, texels))
         if left[-1] > min(left):
             break
@@ -124,9 +123,24 @@ def _within_range(
         lines = changed(lines, weight, lines.half_width)
         weight = _shallower(near, pores.x, pores.y, pores.size, pores.weight)
         pores = changed_pores(pores, weight, pores.size)
-        drawn = drawn_neutral(device, neutral_graph(lines, pores, settings), settings, 1001)
-        rest = np.where(inside, scan - drawn, np.float32(0.0))
+        rest = _apart(scan, _drawn(device, lines, pores, settings), inside)
     return lines, pores
+
+
+def _drawn(
+    device: Device, lines: TracedLines, pores: TracedPores, settings: AssetSettings
+) -> NDArray[np.float32]:
+    """(R, R) what lines and pores draw at rest, mesh units."""
+    return drawn_neutral(device, neutral_graph(lines, pores, settings), settings, 1001)
+
+
+def _apart(
+    scan: NDArray[np.float32], drawn: NDArray[np.float32], inside: NDArray[np.bool_]
+) -> NDArray[np.float32]:
+    """How far the scan is above what is drawn; 0 outside of charts."""
+    apart = scan - drawn
+    apart *= inside
+    return apart
 
 
 def _shallower(near: Any, x: Floats, y: Floats, size: Floats, weight: Floats) -> Floats:
@@ -187,7 +201,7 @@ def _scaled(
 ) -> tuple[TracedLines, TracedPores]:
     """Lines and pores whose weights are all times one number, by which they are nearest to the scan
     in its narrow part: lines that were found there answer less than their broad layers would."""
-    drawn = drawn_neutral(device, neutral_graph(lines, pores, settings), settings, 1001)
+    drawn = _drawn(device, lines, pores, settings)
     wanted, found = (
         np.where(inside, map - mean_around(map, NARROW), np.float32(0.0)) for map in (scan, drawn)
     )

@@ -12,8 +12,8 @@ from exports.textures.patches import degrees_between
 from meshes import SmallMesh, deform
 from reference import slopes as reference
 from rhytid.domain.mesh import Mesh
+from rhytid.engine.device_assets.slopes import neighbour_codes
 from rhytid.exports.textures.frame_map import Chart
-from rhytid.exports.textures.slope_codes import neighbour_codes
 from rhytid.exports.textures.tangents import Posed, joined
 from rhytid.exports.textures.writers import normal_map
 from rhytid.pipeline.locate import UdimTriangles

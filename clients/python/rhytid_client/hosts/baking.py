@@ -35,16 +35,17 @@ def baking(
     """
     warned: dict[str, None] = {}
     count, who = len(maps.frames), f"bake-{slug(maps.name)}"
+    drawings = [drawing]
+    if roughness is not None:
+        drawings.append(replace(drawing, format="npy", layer="slopes", level=SHINE_LEVEL))
     for done, frame in enumerate(maps.frames):
         yield done / count, f"frame {frame} of {maps.frames[-1]}", 0.0
-        drawn, found = server.drawn(asset, who, positions(frame), maps.udims, drawing)
+        drawn, found = server.drawn_each(asset, who, positions(frame), maps.udims, drawings)
         warned |= dict.fromkeys(found)
-        for udim, data in drawn.items():
+        for udim, data in drawn[0].items():
             replaced(Path(maps.file(udim, frame)), data)
         if roughness is not None:
-            how = replace(drawing, format="npy", layer="slopes", level=SHINE_LEVEL)
-            moments, _ = server.drawn(asset, who, positions(frame), maps.udims, how)
-            for udim, data in moments.items():
+            for udim, data in drawn[1].items():
                 replaced(maps.shine.file(udim, frame), shine(npy.decode(data), roughness))
     return tuple(warned)
 

@@ -166,11 +166,27 @@ class Server:
 
         who: names the mesh among those of this process.
         """
+        [maps], warnings = self.drawn_each(asset, who, positions, udims, [drawing])
+        return maps, warnings
+
+    def drawn_each(
+        self,
+        asset: Asset | str,
+        who: str,
+        positions: ArrayLike,
+        udims: Iterable[int],
+        drawings: Iterable[Drawing],
+    ) -> tuple[list[dict[int, bytes]], tuple[str, ...]]:
+        """As `drawn`, of several drawings; the frame is sent once."""
+        udims = list(udims)
         frame = f"host-{SESSION}-{who}"
         with self.client() as client:
             stored = client.put_frame(asset, frame, positions)
             try:
-                maps = {udim: _map(client, asset, frame, udim, drawing) for udim in udims}
+                maps = [
+                    {udim: _map(client, asset, frame, udim, drawing) for udim in udims}
+                    for drawing in drawings
+                ]
             finally:
                 with suppress(RhytidError):
                     client.delete_frame(asset, frame)
