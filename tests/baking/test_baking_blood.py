@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -75,8 +76,12 @@ def test_files_are_baked_anew_where_a_frame_before_them_changed(tmp_path: Path) 
     later = bake(FakeEngine(), tmp_path, [0.5, 0.4, 0.5], profiles=["blood"])
 
     assert (first.written, again.written, again.skipped) == (6, 0, 6)
-    assert (later.written, later.skipped) == (4, 2)
+    assert (later.written, later.skipped, later.replaced) == (4, 2, 4)
+    assert first.replaced == again.replaced == 0
     found = read_texture(tmp_path / "face.blood.1001.0003.png")
     assert (found.texels == 0).all()
     assert float(found.attributes["minimum"]) == pytest.approx(-MOST)
     assert found.attributes["midlevel"] == "0.5000076295109483"
+    assert (found.attributes["blood_seconds"], found.attributes["fps"]) == ("0.15", "24.0")
+    facts = json.loads((tmp_path / "face.blood.json").read_text())
+    assert (facts["blood_seconds"], facts["fps"]) == (0.15, 24.0)

@@ -173,10 +173,21 @@ def test_bake_takes_a_graph_and_numbered_frames(
 def test_bake_needs_a_usable_name(
     tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    mesh = str(write_animation(tmp_path / "shot 1.npz", small_mesh, 1))
+    mesh = str(write_animation(tmp_path / "(.).npz", small_mesh, 1))
 
     assert main(["bake", "--mesh", mesh, "--out", str(tmp_path / "maps")]) == 1
     assert "--name gives another" in capsys.readouterr().err
+
+
+def test_bake_names_maps_after_a_mesh_whose_name_has_blanks_and_dots(
+    tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mesh = str(write_animation(tmp_path / "my head.v2.npz", small_mesh, 1))
+
+    given = ["bake", "--mesh", mesh, "--wrinkles", "100", "--resolution", "256"]
+    assert main([*given, "--out", str(tmp_path / "maps")]) == 0
+    assert "notice: maps are called my_head_v2" in capsys.readouterr().err
+    assert (tmp_path / "maps" / "my_head_v2.1001.0001.exr").is_file()
 
 
 @pytest.mark.slow

@@ -138,6 +138,7 @@ def test_a_mirrored_uv_and_a_mesh_inside_out_are_told_apart() -> None:
     inside_out = replace(FACE, faces=FACE.faces[:, ::-1], face_uv=FACE.face_uv[:, ::-1])
     both = replace(mirrored, faces=FACE.faces[:, ::-1], face_uv=FACE.face_uv[:, ::-1])
     assert codes(mirrored) == [limits.UV_MIRRORED]
+    assert "flip v" in mesh_warnings(mirrored, "cm", 4096)[0].detail
     assert codes(inside_out) == [limits.NORMALS_INWARD]
     assert codes(both) == [limits.NORMALS_INWARD, limits.UV_MIRRORED]
 
@@ -153,6 +154,7 @@ def test_the_share_that_is_mirrored(factor: float, warned: bool) -> None:
     uv[: 3 * count, 0] = 2.0 - uv[: 3 * count, 0]
     mesh = Mesh(FACE.positions, FACE.faces, uv, np.arange(len(uv)).reshape(-1, 3))
     assert codes(mesh) == ([limits.UV_MIRRORED] if warned else [])
+    assert all("flip these" in found.detail for found in mesh_warnings(mesh, "cm", 4096))
 
 
 @pytest.mark.parametrize(("ratio", "warned"), [(0.65, False), (1.25, True)])

@@ -107,12 +107,14 @@ def _maps(request: BakeRequest, baker: Baker, inputs: BakeInputs) -> BakeSummary
         "out": str(request.out),
         "written": baker.written,
         "skipped": baker.skipped,
+        "replaced": baker.replaced,
         "bytes_at_most": asdict(inputs.size(baker.asset.settings["resolution"])),
         "steps": baker.watch.figures(),
         **baker.warnings.all_figures(),
         **({} if cluster is None else {"cluster": asdict(cluster.figures)}),
     }
     what = plural(baker.written, "map" if request.geometry is None else "file")
+    over = f", {baker.replaced} of them in place of older files" if baker.replaced else ""
     done = f", {baker.skipped} already there" if baker.skipped else ""
-    text = f"{baker.watch.table()}\n{what} written to {request.out}{done}"
+    text = f"{baker.watch.table()}\n{what} written to {request.out}{over}{done}"
     return BakeSummary(figures, text)

@@ -49,7 +49,8 @@ _DISPLACEMENT = 4
 class Baker:
     """Draws the frames of one asset and writes them as files, by the engine of this process.
 
-    written, skipped: number of files that were written, or were there already.
+    written, skipped: number of files that were written, or were there already.  replaced: of those
+    written, how many took the place of a file that was not what is asked for.
     """
 
     engine: Engine
@@ -64,6 +65,7 @@ class Baker:
     lag: Lag = field(default_factory=Lag)
     written: int = 0
     skipped: int = 0
+    replaced: int = 0
 
     def calibrate(self) -> None:
         """Set the range of the precomputed maps from the frame that stretches most. All frames
@@ -172,6 +174,8 @@ class Baker:
         if done:
             detail(f"{file.name} is already there")
             self.skipped += 1
+        elif file.exists():
+            self.replaced += 1
         return done
 
     def _begin(

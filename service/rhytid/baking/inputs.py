@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -81,7 +82,7 @@ class BakeInputs:
         if request.geometry is not None:
             geometry = Geometry(mesh.mesh, request.geometry, request.subdivide)
         fixed = new is None or "r_max" in given.get("bins", {})
-        name = request.name or _own_name(request.mesh)
+        name = request.name or _own_name(request.mesh, warnings)
         return cls(mesh.mesh, new, frames, part, request.profiles, geometry, name, fixed)
 
     @property
@@ -162,10 +163,14 @@ def _files(request: BakeRequest) -> Sequence[Path] | Sequence[FramePlace]:
     return read_frames_list(listing, request.frames_folder or listing.parent)
 
 
-def _own_name(mesh: Path) -> str:
-    """The name of the mesh file as first part of the names of files; raises InputError where it
-    cannot be."""
+def _own_name(mesh: Path, warnings: RunWarnings) -> str:
+    """The name of the mesh file as first part of the names of files, with `_` for what they cannot
+    have; raises InputError where nothing is left."""
+    name = re.sub(r"[^A-Za-z0-9_-]+", "_", mesh.stem).strip("_")[:64]
     try:
-        return check_file_name(mesh.stem)
+        check_file_name(name)
     except InputError as error:
-        raise InputError(f"{error}; --name gives another") from error
+        raise InputError(f"{mesh.name}: {error}; --name gives another") from error
+    if name != mesh.stem:
+        warnings.note(f"maps are called {name}: their names have no blanks or dots; --name")
+    return name

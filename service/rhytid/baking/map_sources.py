@@ -22,7 +22,7 @@ from rhytid.engine.frames import Frame
 from rhytid.engine.messages import AssetInfo, MapQuery
 from rhytid.exports.displaced import Subdivided
 from rhytid.exports.meshes import mesh_format
-from rhytid.exports.textures.frame_map import Chart, FrameMap, Padding, VertexField
+from rhytid.exports.textures.frame_map import Chart, Facts, FrameMap, Padding, VertexField
 from rhytid.exports.textures.stretch import corner_weights, vertex_stretch
 from rhytid.exports.textures.tangents import Posed
 from rhytid.formats.tile_header import TileHeader
@@ -86,6 +86,7 @@ class MapSources:
     ) -> None:
         self._engine, self._asset, self._mesh = engine, asset, mesh
         self._flow = once(lambda: BloodFlow(mesh, frames, lag))
+        self._lag: Facts = {"blood_seconds": lag.seconds, "fps": lag.fps}
         self._depth = float(asset.settings["depth"] or 0.0)
         self._reach = int(asset.settings["padding"])
         charts = {udim: once(partial(self._found_chart, udim)) for udim in asset.udims}
@@ -123,6 +124,7 @@ class MapSources:
             surface.weights,
             surface.stretch,
             surface.blood,
+            self._lag,
             partial(self._slopes, surface, plan.header, heights),
         )
 

@@ -45,6 +45,8 @@ from rhytid.domain.warnings import (
 _TRIANGLES = 512
 # Log stretch of a triangle that has no area left.
 _NOTHING = 1e-30
+# Share of mirrored UV from which on it is not single charts, but all of them.
+_ALL_MIRRORED = 0.9
 
 
 def mesh_warnings(
@@ -140,9 +142,16 @@ class MeasuredMesh:
         share = float(sizes[signed < 0].sum() / sizes.sum())
         if share > MIRRORED_SHARE:
             worst = int(np.argmax(np.where(signed < 0, sizes, 0.0)))
+            wrong = (
+                "v runs the other way, as after an export that turned it over (or u does): give "
+                "1 - v in the file, or turn painted maps over as well (`--flip v` does for scans)"
+                if share > _ALL_MIRRORED
+                else "directions and turns that are painted there run the other way; flip these "
+                "charts"
+            )
             detail = (
                 f"{_percent(share)} of the UV area is mirrored, seen from outside the surface: "
-                "directions and turns that are painted there run the other way; flip these charts"
+                f"{wrong}"
             )
             yield InputWarning(UV_MIRRORED, detail, self._place(worst))
 

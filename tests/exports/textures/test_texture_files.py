@@ -59,7 +59,7 @@ def frame_map(mesh: Mesh, triangles: NDArray[np.int32]) -> FrameMap:
     posed = Posed.of(mesh, mesh.positions)
     found = lambda: padding, lambda: chart, lambda: posed, lambda: WEIGHTS
     stretch, blood = VertexField(STRETCH, mesh.faces), VertexField(STRETCH[:, :1], mesh.faces)
-    fields = lambda: stretch, lambda: blood
+    fields = lambda: stretch, lambda: blood, {"fps": 25.0}
     return FrameMap(HEADER, DEPTH, lambda: HEIGHTS, *found, *fields, lambda level: MOMENTS)
 
 

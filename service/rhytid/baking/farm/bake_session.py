@@ -178,12 +178,14 @@ class BakeSession:
         part = FrameRange(chunk.numbers)
         baker = self._baker
         baker.output = replace(baker.output, part=part)
-        baker.watch, baker.warnings, baker.written, baker.skipped = watch, warnings, 0, 0
+        baker.watch, baker.warnings = watch, warnings
+        baker.written = baker.skipped = baker.replaced = 0
         with use_verbosity(_SILENT):
             places = baker.output.places(baker.frames.places)
             job.check_frames(places)
             baker.write(places, _reporting(places, done))
-        return ChunkReport(baker.written, baker.skipped, tuple(warnings.found), watch.seconds)
+        counts = baker.written, baker.skipped, baker.replaced
+        return ChunkReport(*counts, tuple(warnings.found), watch.seconds)
 
     def close(self) -> None:
         """Close the engine, and remove its store."""
@@ -217,11 +219,13 @@ class BakeSession:
 class ChunkReport:
     """The result of a chunk.
 
-    written, skipped: numbers of files.  warnings: of its frames.  seconds: of each call, by step.
+    written, skipped, replaced: numbers of files.  warnings: of its frames.  seconds: of each call,
+    by step.
     """
 
     written: int
     skipped: int
+    replaced: int
     warnings: tuple[InputWarning, ...]
     seconds: dict[str, list[float]]
 

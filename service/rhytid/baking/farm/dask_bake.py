@@ -121,6 +121,7 @@ class DaskBake:
         baker = self._baker
         baker.written += report.written
         baker.skipped += report.skipped
+        baker.replaced += report.replaced
         for step, seconds in report.seconds.items():
             for one in seconds:
                 baker.watch.add(step, one)

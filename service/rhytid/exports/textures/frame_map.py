@@ -47,8 +47,8 @@ class FrameMap:
     displacement, mesh units, row 0 at the top.  padding: of the texels next to islands.  chart: its
     texels on the mesh.  posed: the surface of the frame.  weights: (F, 3, 2) of corners, stretch
     and compression.  stretch: log stretch at vertices, as `vertex_stretch` has it.  blood: (1, ) of
-    vertices, as `BloodFlow` has it.  slopes: of a level, moments (n, n, 5) of slopes and the share
-    (n, n) of each texel that has skin.
+    vertices, as `BloodFlow` has it.  lag: facts of how late it follows.  slopes: of a
+    level, moments (n, n, 5) of slopes and the share (n, n) of each texel that has skin.
     """
 
     header: TileHeader
@@ -60,6 +60,7 @@ class FrameMap:
     weights: Callable[[], NDArray[np.float64]]
     stretch: Callable[[], VertexField]
     blood: Callable[[], VertexField]
+    lag: Facts
     slopes: Callable[[int], tuple[NDArray[np.float32], NDArray[np.float32]]]
 
     def bordered(self) -> NDArray[np.float32]:

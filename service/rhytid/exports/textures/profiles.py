@@ -133,7 +133,7 @@ _ALL = (
         stretch.write_stretch, stretch.stretch_facts, described=False, drawn=False, posed=True,
     ),
     Profile(
-        "blood", "blood-1", ".png", f"blood.{_UDIM_FIRST}", 2.0, 32,
+        "blood", "blood-2", ".png", f"blood.{_UDIM_FIRST}", 2.0, 32,
         stretch.write_blood, stretch.blood_facts, drawn=False, lagging=True, renamed=png_renamed,
     ),
     Profile(

@@ -228,7 +228,7 @@ def write_stretch(path: Path, map: FrameMap, facts: Facts) -> None:
 def blood_facts(map: FrameMap) -> Facts:
     """Facts of blood: the late log of the ratio of areas is (p - 32768) / 32767 times `scale`; 0.5
     is skin at rest."""
-    return {"scale": FULL, "midlevel": 32768 / 65535, "range": FULL * 65535 / 32767}
+    return {"scale": FULL, "midlevel": 32768 / 65535, "range": FULL * 65535 / 32767, **map.lag}
 
 
 def write_blood(path: Path, map: FrameMap, facts: Facts) -> None:
