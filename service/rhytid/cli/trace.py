@@ -6,7 +6,9 @@ import argparse
 import json
 import shlex
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -159,6 +161,7 @@ class _Found:
 
 def _traced(device: Device, scan: _Scan) -> _Found:
     """Trace the scan as the build of an asset does, and measure what was found."""
+    from rhytid.synthesis.workspace import Workspace
     from rhytid.tracing.measure import fine_part
     from rhytid.tracing.scan import traced_scan
 
@@ -167,25 +170,25 @@ def _traced(device: Device, scan: _Scan) -> _Found:
     with working("measuring the residual"):
         maps = scan.relief.maps
         inside = found.charts
-        fine = {u: fine_part(relief, inside[u]) for u, relief in maps.items()}
-        udims = [_figures(u, maps[u], fine[u], inside[u], found) for u in sorted(fine)]
+        fine = partial(fine_part, Workspace(device))
+        udims = [_figures(u, maps[u], fine, inside[u], found) for u in sorted(maps)]
     return _Found(found, scan.settings, udims)
 
 
 def _figures(
     udim: int,
     relief: NDArray[np.float32],
-    fine: NDArray[np.float32],
+    fine_of: Callable[..., NDArray[np.float32]],
     inside: NDArray[np.bool_],
     found: Trace,
 ) -> dict[str, float]:
     """Figures of a UDIM: root mean squares over its charts, mesh units, and shares that are left
-    of the relief and of its fine part."""
-    from rhytid.tracing.measure import fine_part, rms
+    of the relief and of its fine part.  fine_of: of a map and what is inside."""
+    from rhytid.tracing.measure import rms
 
     residual = found.residual[udim]
-    whole, of_fine = rms(relief, inside), rms(fine, inside)
-    left, fine_left = rms(residual, inside), rms(fine_part(residual, inside), inside)
+    whole, left = rms(relief, inside), rms(residual, inside)
+    of_fine, fine_left = (rms(fine_of(map, inside), inside) for map in (relief, residual))
     return {
         "udim": udim,
         "relief": whole,

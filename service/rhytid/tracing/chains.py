@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import product
+from collections.abc import Iterator
+from itertools import pairwise, product
 
 import numpy as np
 import scipy
@@ -55,30 +56,39 @@ def _best(points: ValleyPoints, window: tuple[int, int, int]) -> Links:
     found = np.full((len(points), 2), NONE, np.int64)
     least = np.full((len(points), 2), np.inf)
     steps = range(-_REACH, _REACH + 1)
-    for dy, dx in product(steps, steps):
+    # Of each pair of texels once: it is looked at from both.
+    for dy, dx in [step for step in product(steps, steps) if step > (0, 0)]:
         other = index[row + dy, column + dx]
-        near = np.flatnonzero((other >= 0) & ((dy, dx) != (0, 0)))
-        cost, ahead = _cost(points, near, other[near])
-        for side, here in ((0, ahead > 0), (1, ahead < 0)):
-            better = here & (cost < least[near, side])
-            least[near[better], side] = cost[better]
-            found[near[better], side] = other[near[better]]
+        one = np.flatnonzero(other >= 0)
+        two = other[one]
+        for here, there, cost, ahead in _costs(points, one, two):
+            side = (ahead < 0).astype(np.int64)
+            better = cost < least[here, side]
+            here, there, side = here[better], there[better], side[better]
+            least[here, side] = cost[better]
+            found[here, side] = there
     return found
 
 
-def _cost(points: ValleyPoints, one: NDArray[np.int64], two: NDArray[np.int64]) -> tuple[
-    Floats, Floats
-]:  # fmt: skip
-    """(N,) what it costs to go from points `one` to points `two`, infinite where lines do not go
-    that way, and whether that is ahead, above 0, or behind."""
-    step = np.stack([points.x[two] - points.x[one], points.y[two] - points.y[one]], axis=1)
-    length = np.maximum(np.linalg.norm(step, axis=1), 1e-9)
-    along = (step * points.along[one]).sum(axis=1) / length
-    alike = np.abs((points.along[one] * points.along[two]).sum(axis=1))
-    cost = length + _TURN * (2.0 - np.abs(along) - alike)
-    cost += _OTHER_SCALE * np.abs(np.log(points.scale[two] / points.scale[one]))
-    cost[(np.abs(along) <= _AHEAD) | (alike <= _ALIKE) | (length < 0.3)] = np.inf
-    return cost, along
+def _costs(
+    points: ValleyPoints, one: NDArray[np.int64], two: NDArray[np.int64]
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]]:
+    """Of pairs of points, and of the same the other way round: from where, to where, what that
+    costs, and whether it is ahead, above 0, or behind. Pairs where lines do not go that way are
+    left out."""
+    # By components: sums over the two of a row take long.
+    x, y = points.x[two] - points.x[one], points.y[two] - points.y[one]
+    ways = points.along[one].T, points.along[two].T
+    length = np.maximum(np.sqrt(x * x + y * y), 1e-9)
+    alike = np.abs(ways[0][0] * ways[1][0] + ways[0][1] * ways[1][1])
+    other = np.abs(np.log(points.scale[two] / points.scale[one]))
+    cost = length + _TURN * (2.0 - alike) + _OTHER_SCALE * other
+    linked = (alike > _ALIKE) & (length >= 0.3)
+    for here, there, way, sense in ((one, two, ways[0], 1.0), (two, one, ways[1], -1.0)):
+        along = sense * (x * way[0] + y * way[1]) / length
+        kept = linked & (np.abs(along) > _AHEAD)
+        along = along[kept]
+        yield here[kept], there[kept], cost[kept] - _TURN * np.abs(along), along
 
 
 def mutual(picked: Links) -> Links:
@@ -161,7 +171,9 @@ def _from_ends(links: Links, ends: NDArray[np.int64]) -> list[NDArray[np.int64]]
     of, place = of[kept], place[kept]
     order = np.argsort(of, kind="stable")
     of, place = of[order], place[order]
-    return np.split(place, np.flatnonzero(np.diff(of)) + 1) if len(of) else []
+    first = np.flatnonzero(np.diff(of, prepend=NONE)).tolist()
+    # `np.split` takes many times as long.
+    return [place[a:b] for a, b in pairwise([*first, len(of)])]
 
 
 def _rings(links: Links, points: NDArray[np.int64]) -> list[NDArray[np.int64]]:

@@ -144,16 +144,18 @@ def _cuts(
     gone = np.cumsum(np.where(new, 0.0, step))
     gone -= np.repeat(gone[new], np.diff(np.append(np.flatnonzero(new), len(x))))
     length = np.zeros(chain[-1] + 1)
-    np.maximum.at(length, chain, gone)
+    last = np.append(new[1:], True)
+    length[chain[last]] = gone[last]
     count = np.maximum(np.rint(length / wanted), 1.0)
     part = np.floor(gone / np.maximum(length, 1e-9)[chain] * count[chain] + 0.5)
     off = np.abs(gone - part * (length / count)[chain])
     # Of the points of a part the nearest to its cut, and both ends.
-    order = np.lexsort((off, part, chain))
-    best = np.zeros(len(x), np.bool_)
-    one = np.append(True, (np.diff(chain[order]) != 0) | (np.diff(part[order]) != 0))
-    best[order[one]] = True
-    best |= new | np.append(new[1:], True)
+    start = new | (np.diff(part, prepend=-1.0) != 0)
+    run = np.cumsum(start) - 1
+    nearest = off == np.minimum.reduceat(off, np.flatnonzero(start))[run]
+    _, one = np.unique(run[nearest], return_index=True)
+    best = new | last
+    best[np.flatnonzero(nearest)[one]] = True
     node = np.flatnonzero(best & (length >= _SHORTEST)[chain])
     return node, np.arange(max(len(node) - 1, 0))
 

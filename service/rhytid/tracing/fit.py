@@ -6,7 +6,7 @@ A step is one of Gauss and Newton with the diagonal of the normal equations, sho
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,6 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
 from rhytid.pipeline.levels import Draw, render_to_host
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing
-from rhytid.pipeline.vectors import VECTOR
 from rhytid.support import cancellation
 from rhytid.synthesis.progress import Progress, silent
 from rhytid.synthesis.workspace import Workspace
@@ -32,7 +31,14 @@ from rhytid.tracing.elements import (
     changed_pores,
     graph_arrays,
 )
-from rhytid.tracing.measure import BROAD, NARROW, mean_around, rms_of_some, taps_of_mean
+from rhytid.tracing.measure import (
+    BROAD,
+    NARROW,
+    above_mean,
+    above_mean_of_tile,
+    cut_out,
+    rms_of_some,
+)
 from rhytid.tracing.ridges import Floats
 
 STEPS = 10
@@ -80,7 +86,7 @@ def fitted(
     without grain and undulation.
     """
     if settings.shape.cushion > 0.0:
-        lines, pores = _scaled(device, lines, pores, scan, inside, settings)
+        lines, pores = _scaled(work, device, lines, pores, scan, inside, settings)
     best, left, texels = (lines, pores), [], int(np.count_nonzero(inside))
     rest = np.zeros_like(scan)
     for step in range(steps + 1):
@@ -160,6 +166,8 @@ def drawn_neutral(
     device: Device, graph: WrinkleGraph, settings: AssetSettings, udim: int
 ) -> NDArray[np.float32]:
     """(R, R) the neutral map of a graph, mesh units, without grain, undulation and events."""
+    # Nothing is wider than at rest, so that fewer are looked at for each texel.
+    settings = replace(settings, response=replace(settings.response, alpha_w=0.0, beta_w=0.0))
     of_wrinkles, of_pores = (np.zeros(count, np.int32) for count in (graph.wrinkles, graph.pores))
     wrinkles = wrinkle_arrays(graph, of_wrinkles, settings, udim)
     arrays = wrinkles, pore_arrays(graph, of_pores, settings, udim)
@@ -192,6 +200,7 @@ def _even_scales(device: Device, elements: UdimElements) -> ScaleBuffers:
 
 
 def _scaled(
+    work: Workspace,
     device: Device,
     lines: TracedLines,
     pores: TracedPores,
@@ -203,7 +212,7 @@ def _scaled(
     in its narrow part: lines that were found there answer less than their broad layers would."""
     drawn = _drawn(device, lines, pores, settings)
     wanted, found = (
-        np.where(inside, map - mean_around(map, NARROW), np.float32(0.0)) for map in (scan, drawn)
+        np.where(inside, above_mean(work, map, NARROW), np.float32(0.0)) for map in (scan, drawn)
     )
     square = float(np.vdot(found, found))
     gain = float(np.vdot(wanted, found)) / square if square > 0.0 else 1.0
@@ -298,21 +307,10 @@ class _Window:
     def _above_mean(self, values: NDArray[np.float32], side: int | None, factor: float) -> Buffer:
         """What a map is above its mean over `side` texels, or above 0, times a factor. There is a
         row more, for vectors that begin in the last one."""
-        taps = np.zeros(1, np.float32) if side is None else taps_of_mean(side)
-        radius, rows, columns = len(taps) // 2, self._side + 1, self._side
+        radius, rows, columns = (side or 1) - 1, self._side + 1, self._side
         top, left = (int(c) - radius for c in self._corner[::-1])
-        padded = _cut_out(values, (top, left), (rows + 2 * radius, columns + 2 * radius))
-        given, weights = self._work.upload(padded), self._work.upload(taps)
-        means = self._work.empty(len(padded) * columns, np.float32)
-        found = self._work.empty(rows * columns, np.float32)
-        about = given, padded.shape[1], columns, radius, radius, weights, means
-        for kernel, count, more in (
-            ("means_of_rows", len(padded), ()),
-            ("above_mean", rows, (factor, found)),
-        ):
-            self._work.run("means", kernel, count * columns // VECTOR, *about, *more)
-        self._work.release(given, weights, means)
-        return found
+        padded = cut_out(values, (top, left), (rows + 2 * radius, columns + 2 * radius))
+        return above_mean_of_tile(self._work, padded, (rows, columns), side, factor)
 
     def of_wrinkles(
         self, lines: TracedLines, edges: NDArray[np.int64], settings: AssetSettings
@@ -346,16 +344,3 @@ class _Window:
         found = self._work.empty(width * count, np.float32)
         self._work.run("fit", kernel, count, *given, *self._maps, self._side, found)
         return self._work.read(found, (count, width), np.float32).astype(np.float64)
-
-
-def _cut_out(
-    values: NDArray[np.float32], corner: tuple[int, int], shape: tuple[int, int]
-) -> NDArray[np.float32]:
-    """A part of a map from a corner (row, column) on, which may lie outside; 0 beyond."""
-    found = np.zeros(shape, np.float32)
-    top, left = (max(c, 0) for c in corner)
-    bottom, right = (max(c + size, 0) for c, size in zip(corner, shape, strict=True))
-    part = values[top:bottom, left:right]
-    y, x = top - corner[0], left - corner[1]
-    found[y : y + part.shape[0], x : x + part.shape[1]] = part
-    return found

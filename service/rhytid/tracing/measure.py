@@ -3,12 +3,18 @@ are drawn with, and how much of a relief is left."""
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
-import scipy
 from numpy.typing import NDArray
+
+from rhytid.device.buffer import Buffer
+from rhytid.pipeline.vectors import VECTOR
+from rhytid.synthesis.workspace import Workspace
 
 Relief = NDArray[np.float32]
 Inside = NDArray[np.bool_]
+Beyond = Literal["constant", "edge"]
 # Texels of a side of the mean that the fine part is without.
 BROAD = 33
 # The same where lines with a broad layer are looked for. That layer is as broad as swells of skin,
@@ -16,14 +22,19 @@ BROAD = 33
 NARROW = 5
 # The share of the texels of charts that lie less deep than a line of weight 1.
 _DEEPEST = 0.999
+# Texels of a side of a map whose means are taken together.
+_TILE = 1024
 
 
-def fine_part(relief: Relief, inside: Inside) -> Relief:
+def fine_part(work: Workspace, relief: Relief, inside: Inside) -> Relief:
     """The relief (H, W) less its mean around each texel, over what is inside (H, W); 0 outside."""
-    shares = mean_around(inside.astype(np.float32), BROAD, "constant")
-    sums = mean_around(np.where(inside, relief, np.float32(0.0)), BROAD, "constant")
-    broad = sums / np.maximum(shares, np.float32(1e-6))
-    fine: Relief = np.where(inside, relief - broad, np.float32(0.0))
+    shares = inside.astype(np.float32)
+    shares -= above_mean(work, shares, BROAD, "constant")
+    fine = np.where(inside, relief, np.float32(0.0))
+    fine -= (fine - above_mean(work, fine, BROAD, "constant")) / np.maximum(
+        shares, np.float32(1e-6)
+    )
+    fine *= inside
     return fine
 
 
@@ -33,7 +44,13 @@ def depth_of(fine: Relief, inside: Inside) -> float:
     where there is no relief."""
     if not inside.any():
         return 0.0
-    return max(float(np.quantile(-fine[inside], _DEEPEST)), 0.0)
+    values, share = fine[inside], 1.0 - _DEEPEST
+    place = share * (len(values) - 1)
+    low = int(place)
+    # As `np.quantile` has it, which takes several times as long.
+    values.partition([low, min(low + 1, len(values) - 1)])
+    deep = values[low] + (place - low) * (values[min(low + 1, len(values) - 1)] - values[low])
+    return max(-float(deep), 0.0)
 
 
 def rms(values: Relief, inside: Inside) -> float:
@@ -49,17 +66,75 @@ def rms_of_some(values: Relief, count: int) -> float:
     return float(np.sqrt(rows.sum() / count)) if count else 0.0
 
 
-def mean_around(values: Relief, side: int, beyond: str = "nearest") -> Relief:
-    """The mean around each texel, of a nearly Gaussian weight: that over `side` texels, twice.
+def above_mean(work: Workspace, values: Relief, side: int, beyond: Beyond = "edge") -> Relief:
+    """(H, W) what a map is above its mean around each texel, of a nearly Gaussian weight: that over
+    `side` texels, twice. Kernel: means.cl.
 
-    beyond: the border of the map, as SciPy has it.
+    beyond: how the map goes on beyond its border, as NumPy pads arrays.
     """
-    once = scipy.ndimage.uniform_filter(values, side, mode=beyond)
-    found: Relief = scipy.ndimage.uniform_filter(once, side, mode=beyond)
+    found, radius = np.empty_like(values), side - 1
+    for top in range(0, values.shape[0], _TILE):
+        for left in range(0, values.shape[1], _TILE):
+            own = values[top : top + _TILE, left : left + _TILE]
+            height, width = own.shape[0], -(-own.shape[1] // VECTOR) * VECTOR
+            corner, size = (top - radius, left - radius), (height + 2 * radius, width + 2 * radius)
+            padded = cut_out(values, corner, size, beyond)
+            with work.nested() as nested:
+                above = above_mean_of_tile(nested, padded, (height, width), side)
+                tile = nested.read(above, (height, width), np.float32)
+            found[top : top + height, left : left + own.shape[1]] = tile[:, : own.shape[1]]
     return found
 
 
-def taps_of_mean(side: int) -> NDArray[np.float32]:
-    """(2 side - 1,) the weights of `mean_around` along a row."""
+def above_mean_of_tile(
+    work: Workspace,
+    padded: Relief,
+    shape: tuple[int, int],
+    side: int | None,
+    factor: float = 1.0,
+) -> Buffer:
+    """What a tile is above its mean over `side` texels, or above 0, times a factor.
+
+    shape: of the tile; its width is a multiple of VECTOR.  padded: it with side - 1 texels more on
+    each side.
+    """
+    taps = np.zeros(1, np.float32) if side is None else _taps_of_mean(side)
+    radius, (rows, columns) = len(taps) // 2, shape
+    given, weights = work.upload(padded), work.upload(taps)
+    means = work.empty(len(padded) * columns, np.float32)
+    found = work.empty(rows * columns, np.float32)
+    about = given, padded.shape[1], columns, radius, radius, weights, means
+    for kernel, count, more in (
+        ("means_of_rows", len(padded), ()),
+        ("above_mean", rows, (factor, found)),
+    ):
+        work.run("means", kernel, count * columns // VECTOR, *about, *more)
+    work.release(given, weights, means)
+    return found
+
+
+def _taps_of_mean(side: int) -> NDArray[np.float32]:
+    """(2 side - 1,) the weights of `above_mean` along a row."""
     once = np.full(side, 1.0 / side)
     return np.convolve(once, once).astype(np.float32)
+
+
+def cut_out(
+    values: Relief,
+    corner: tuple[int, int],
+    shape: tuple[int, int],
+    beyond: Beyond = "constant",
+) -> Relief:
+    """A part of a map from a corner (row, column) on, which may lie outside.
+
+    beyond: how the map goes on beyond its border, as NumPy pads arrays.
+    """
+    part, more = [], []
+    for first, size, side in zip(corner, shape, values.shape, strict=True):
+        low, high = min(max(first, 0), side), min(max(first + size, 0), side)
+        part.append(slice(low, high))
+        more.append((low - first, first + size - high))
+    found: Relief = values[tuple(part)]
+    if any(map(any, more)):
+        found = np.pad(found, more, beyond)
+    return np.ascontiguousarray(found)

@@ -15,7 +15,7 @@ from rhytid.domain.residual import ScanRelief
 from rhytid.domain.tiles import mesh_udims
 from rhytid.errors import InputError
 from rhytid.synthesis.progress import Progress, silent
-from rhytid.synthesis.workspace import Caller, directly
+from rhytid.synthesis.workspace import Caller, Workspace, directly
 from rhytid.tracing.fit import drawn_neutral
 from rhytid.tracing.measure import depth_of, fine_part
 from rhytid.tracing.trace import Trace, TraceSettings, charted, trace, traced_settings
@@ -40,16 +40,21 @@ def traced_scan(
     spacing = settings.graph.spacing or usual_spacing(settings.length_unit)
     progress(0.0, "measuring")
     charts = {udim: charted(device, mesh, udim, settings) for udim in scan.maps}
-    depth = settings.depth or max(
-        depth_of(fine_part(relief, charts[udim]), charts[udim])
-        for udim, relief in scan.maps.items()
-    )
+    depth = settings.depth or _depth(Workspace(device, call), scan, charts)
     if depth == 0.0:
         raise InputError("there are no lines in the scan: its charts have no fine relief")
     resolved = replace(settings, depth=depth).resolved(spacing)
     how = TraceSettings(spacing=spacing, noise=scan.noise)
     found = trace(device, mesh, scan.maps, resolved, how, progress, call, charts)
     return replace(found, residual=found.residual | _beyond(device, mesh, scan, found, resolved))
+
+
+def _depth(work: Workspace, scan: ScanRelief, charts: dict[int, NDArray[np.bool_]]) -> float:
+    """The depth of a line of weight 1, mesh units; 0 where there is no relief."""
+    return max(
+        depth_of(fine_part(work, relief, charts[udim]), charts[udim])
+        for udim, relief in scan.maps.items()
+    )
 
 
 def _beyond(

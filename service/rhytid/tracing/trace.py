@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -40,8 +41,9 @@ from rhytid.tracing.elements import (
     pores_of,
 )
 from rhytid.tracing.fit import STEPS, drawn_neutral, fitted
-from rhytid.tracing.measure import NARROW, mean_around
+from rhytid.tracing.measure import NARROW, above_mean
 from rhytid.tracing.ridges import (
+    APRON,
     LINE_SCALES,
     NARROW_SCALES,
     TILE,
@@ -55,8 +57,11 @@ Relief = NDArray[np.float32]
 _FAINTEST = 0.015
 # Gaps in a line that are closed, texels.
 _GAP = 6.0
-# Copies over seams are looked for as closely as among pores half a spacing apart.
-_CLOSEST = 0.5
+# How far from charts the search for lines reads, and texels of a side that are filled together.
+_REACH, _FILLED = APRON + NARROW, 512
+# Copies over seams are looked for as closely as among pores half a spacing, or two texels, apart:
+# what is traced is not narrower than texels are, and what reaches very many places is not followed.
+_CLOSEST, _TEXELS = 0.5, 2.0
 # How much of the work is done when lines are fitted, and when copies are found. Of a head with many
 # seams copies take half of the time at 1024², and less of it on larger maps.
 _LINES, _SEAMS = 0.6, 0.95
@@ -194,7 +199,7 @@ def _traced(
     noise = max(noise_of(relief, inside), how.noise)
     whole, scales = _filled(relief, inside), LINE_SCALES
     if settings.shape.cushion > 0.0:
-        whole, scales = whole - mean_around(whole, NARROW), NARROW_SCALES
+        whole, scales = above_mean(work, whole, NARROW), NARROW_SCALES
     limits = Limits(_FAINTEST * depth, noise, line_scales=scales)
     searching = part(progress, 0.0, 0.3)
     points, pits = find_ridges(work, whole, inside, limits, how.tile, searching)
@@ -208,16 +213,22 @@ def _traced(
 
 
 def _filled(relief: Relief, inside: NDArray[np.bool_]) -> Relief:
-    """The relief, with that of the nearest texel of a chart where there is none: what a map holds
-    beyond its charts is not skin, and the step there no line."""
-    if inside.all() or not inside.any():
-        return relief
-    cancellation.check()
-    nearest = scipy.ndimage.distance_transform_edt(
-        ~inside, return_distances=False, return_indices=True
-    )
-    filled: Relief = relief[tuple(nearest)]
-    return filled
+    """The relief, with that of the nearest texel of a chart where one is within _REACH: what a map
+    holds beyond its charts is not skin, and the step there no line."""
+    found: Relief = relief.copy()
+    for at in product(*(range(0, side, _FILLED) for side in relief.shape)):
+        cancellation.check()
+        around = tuple(slice(max(one - _REACH, 0), one + _FILLED + _REACH) for one in at)
+        near = inside[around]
+        if near.any() and not near.all():
+            nearest = scipy.ndimage.distance_transform_edt(
+                ~near, return_distances=False, return_indices=True
+            )
+            first = (one - part.start for one, part in zip(at, around, strict=True))
+            own = tuple(slice(one, one + _FILLED) for one in first)
+            tile = tuple(slice(one, one + _FILLED) for one in at)
+            found[tile] = relief[around][tuple(n[own] for n in nearest)]
+    return found
 
 
 def _graph(
@@ -236,7 +247,8 @@ def _graph(
     arrays = _on_triangles(joint, located, len(mesh.faces))
     cancellation.check()
     borders = Borders.of(mesh, surface, neighbours(mesh))
-    apart = _CLOSEST * spacing / surface.scale
+    texel = np.median(surface.narrowest[surface.carries]) / settings.resolution
+    apart = max(_CLOSEST * spacing / surface.scale, _TEXELS * float(texel))
     arrays = with_copies(arrays, surface, borders, apart, progress)
     lengths = settings.lengths(spacing)
     origin = GraphOrigin.of(mesh, settings.length_unit, lengths, settings.graph.start)
