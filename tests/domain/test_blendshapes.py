@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rhytid.domain.blendshapes import Blendshapes, meant_shapes, name_parts, region_of, rolls_lips
+from rhytid.domain.blendshapes import (
+    Blendshapes,
+    frowning_side,
+    meant_shapes,
+    name_parts,
+    region_of,
+    rolls_lips,
+)
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.skin import REGIONS
 from rhytid.errors import FrameError, InputError
@@ -134,3 +141,18 @@ def test_a_name_that_is_there_comes_before_one_that_is_spelled_alike() -> None:
 
 def test_one_side_alone_is_what_there_is_of_both() -> None:
     assert meant_shapes(["browInnerUp"], ["browInnerUp_R"]) == [(0,)]
+
+
+@pytest.mark.parametrize(
+    ("name", "side"),
+    [
+        ("browDown_L", "left"),
+        ("face|BrowDownRight", "right"),
+        ("browLower_l", "left"),
+        ("browDown", None),
+        ("browInnerUp_L", None),
+        ("mouthFrown_L", None),
+    ],
+)
+def test_the_brow_that_a_name_draws_down(name: str, side: str | None) -> None:
+    assert frowning_side(name) == side

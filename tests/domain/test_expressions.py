@@ -66,10 +66,12 @@ def test_the_digest_hangs_on_names_and_every_number():
 
 def test_folds_come_back_from_their_arrays():
     tensor = np.linspace(0, 1, 24, dtype=np.float32).reshape(4, 6)
-    folds = Folds(tensor, 3, {"lip": np.ones(4, np.float32)})
+    frown = np.linspace(0, 1, 4, dtype=np.float32)
+    folds = Folds(tensor, 3, {"lip": np.ones(4, np.float32)}, frown)
     again = Folds.of_arrays(folds.arrays())
     np.testing.assert_array_equal(again.tensor, tensor)
     np.testing.assert_array_equal(again.regions["lip"], 1.0)
+    np.testing.assert_array_equal(again.frown, frown)
     assert (again.moving, again.known) == (3, 3 / ENOUGH)
     assert Folds(tensor, 50).known == 1.0
 

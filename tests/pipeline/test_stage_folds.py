@@ -203,3 +203,34 @@ def test_many_triangles_without_area_say_nothing(device):
     folds = measured(device, mesh, [moved(mesh, 3)])
     plain = mesh_of(grid)
     np.testing.assert_allclose(folds.tensor, measured(device, plain, [moved(plain, 3)]).tensor)
+
+
+def test_a_frown_has_two_crests_between_the_brows(device):
+    """Each brow is pressed towards the middle, and what is between them by both."""
+    mesh = sheet(40, 8.0)
+    x = mesh.positions[:, 0] - 4.0
+
+    def drawn(side: float) -> np.ndarray:
+        shape = mesh.positions.copy()
+        own = 1.0 / (1.0 + np.exp(-side * x / 0.5))
+        shape[:, 0] -= own * side * 0.25 * np.tanh((side * x - 0.8) / 0.5)
+        return shape
+
+    shapes, names = np.stack([drawn(-1.0), drawn(1.0)]), ("browDownLeft", "browDown_R")
+
+    def crests(count: int) -> np.ndarray | None:
+        expressions = Expressions.checked(shapes[:count], len(x), names[:count])
+        report = (lambda *_: None, directly)
+        found = measured_folds(device, mesh, expressions, LIMIT, "cm", *report)
+        assert found is not None
+        return found.frown
+
+    assert crests(1) is None
+    found = crests(2)
+    assert found is not None
+    high = np.abs(x[found > 0.5])
+    assert len(high) > 40
+    assert (np.abs(high - 0.8) < 0.5).all()
+    assert {-1.0, 1.0} == set(np.sign(x[found > 0.5]))
+    assert found[np.abs(x) < 0.25].max() < 0.1
+    assert found[np.abs(x) > 2.0].max() == 0.0

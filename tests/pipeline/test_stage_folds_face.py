@@ -203,3 +203,16 @@ def test_names_alone_make_regions(device: Device, face: face_data.Face) -> None:
         "lip",
         "mouth",
     }
+
+
+def test_a_frown_has_its_pair_between_the_brows(device: Device, face: face_data.Face) -> None:
+    folds = by_expressions(device)
+    assert folds.frown is not None
+    assert by_expressions(device, "coarse").frown is None
+    positions = mesh().positions
+    high = positions[folds.frown > 0.5]
+    assert len(high) > 20
+    assert (np.abs(high[:, 0]) > 0.25).all()
+    assert (np.abs(high[:, 0]) < 1.5).all()
+    assert np.ptp(high[:, 1]) == pytest.approx(1.8, abs=0.5)
+    assert folds.frown[near(0.75, 5.2, 0.3)].min() > 0.6

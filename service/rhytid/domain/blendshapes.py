@@ -43,6 +43,12 @@ _BEGINNINGS = {
 # The same of shapes that roll the lips in.
 _ROLLS = ("mouthroll", "rolllip", "liproll", "lipsroll", "rollmouth")
 
+# The same of shapes that draw the brows down and together.
+_FROWNS = (
+    *("browdown", "browsdown", "browlower", "browslower", "lowerbrow", "eyebrowdown"),
+    *("eyebrowsdown", "eyebrowlower", "browfurrow", "browsfurrow"),
+)
+
 
 class Blendshapes:
     """Makes positions of the weights of a face's shapes.
@@ -148,6 +154,14 @@ def region_of(name: str) -> str | None:
 def rolls_lips(name: str) -> bool:
     """Whether an expression of that name rolls a lip in. A prefix is ignored as in `region_of`."""
     return _plain(name).startswith(_ROLLS)
+
+
+def frowning_side(name: str) -> str | None:
+    """The side of the brow that an expression of that name draws down: LEFT or RIGHT; None for any
+    other name, and for one that does not tell sides."""
+    if not _plain(name).startswith(_FROWNS):
+        return None
+    return name_parts(name)[1] or None
 
 
 def _plain(name: str) -> str:

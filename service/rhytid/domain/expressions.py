@@ -21,6 +21,8 @@ _LONGEST_NAME = 256
 AUTO, BY_EXPRESSIONS, LEVEL = LINES = ("auto", "expressions", "level")
 # Expressions that move anything, from which on what they leave alone counts as never folding.
 ENOUGH = 5
+# The name under which the crests of a frown are stored.
+_FROWN = "frown"
 # Places of xx, yy, zz, xy, xz, yz in a symmetric 3 x 3 matrix.
 ROWS, COLUMNS = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
 FloatArray = NDArray[np.float64]
@@ -125,7 +127,8 @@ class Folds:
     tensor: (V, 6) float32; xx, yy, zz, xy, xz, yz of the mean over all expressions of the squared
     log compression along its axes, in the space of the mesh, smoothed on the surface;
     dimensionless.  moving: how many expressions moved anything.  regions: (V,) float32, shares from
-    0 to 1, by the name of the region.
+    0 to 1, by the name of the region.  frown: (V,) float32, how far vertices lie on one of the two
+    crests of a frown, 0 to 1; None where expressions do not show them.
 
     Raises InputError for arrays that do not fit or are not finite.
     """
@@ -133,6 +136,7 @@ class Folds:
     tensor: NDArray[np.float32]
     moving: int
     regions: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
+    frown: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         tensor = fixed_array(self.tensor, "folds", (None, 6), np.float32, InputError)
@@ -140,7 +144,11 @@ class Folds:
             name: fixed_array(self.regions[name], name, (len(tensor),), np.float32, InputError)
             for name in sorted(self.regions)
         }
-        if not all(np.isfinite(array).all() for array in (tensor, *regions.values())):
+        shares = list(regions.values())
+        if self.frown is not None:
+            shares.append(fixed_array(self.frown, _FROWN, (len(tensor),), np.float32, InputError))
+            object.__setattr__(self, "frown", shares[-1])
+        if not all(np.isfinite(array).all() for array in (tensor, *shares)):
             raise InputError("folds that are not finite")
         object.__setattr__(self, "tensor", tensor)
         object.__setattr__(self, "regions", regions)
@@ -167,7 +175,8 @@ class Folds:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The arrays by name, in which `of_arrays` reads the same folds."""
         regions = {f"region.{name}": mask for name, mask in self.regions.items()}
-        return {"tensor": self.tensor, "moving": np.array([self.moving], np.int32), **regions}
+        found = {"tensor": self.tensor, "moving": np.array([self.moving], np.int32), **regions}
+        return found if self.frown is None else found | {_FROWN: self.frown}
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Folds:
@@ -177,4 +186,5 @@ class Folds:
             for name, mask in arrays.items()
             if name.startswith("region.")
         }
-        return cls(arrays["tensor"], int(arrays["moving"][0]), regions)
+        moving = int(arrays["moving"][0])
+        return cls(arrays["tensor"], moving, regions, arrays.get(_FROWN))

@@ -187,8 +187,8 @@ REGIONS: dict[str, Region] = {
         grain=1.2,
         undulation=1.75,
         folded=0.35,
-        patchiness=0.8,
-        leading=0.42,
+        patchiness=1.0,
+        leading=0.85,
         old=Old(strength=1.6, pore_strength=1.3, anisotropy=1.3, contrast=1.2, grain=1.4),
     ),
 }

@@ -16,6 +16,7 @@ from rhytid.domain.lengths import millimetres
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.skin import FINE
 from rhytid.pipeline.diffusion import Diffusion, triangle_areas
+from rhytid.pipeline.frown import Frown
 from rhytid.pipeline.region_masks import RegionMasks
 from rhytid.pipeline.stretch import Rest
 
@@ -94,7 +95,8 @@ def measured_folds(
     """Measure where expressions fold a mesh; None where no expression moves anything.
 
     The folds are C = Σ w Σ min(log ρᵢ, 0)² q̂ᵢq̂ᵢᵀ at the vertices, with w one over the number of
-    expressions that move anything, and masks of the regions that expressions of known names show.
+    expressions that move anything, masks of the regions that expressions of known names show, and
+    the crests of a frown.
 
     limit: of |log ρ|.  unit: of the mesh.  progress(fraction, stage) is called for each expression
     and may raise CancelledError.  call: runs each step in a task of the device.  anatomy: how
@@ -102,6 +104,7 @@ def measured_folds(
     """
     stage = FoldStage(device, mesh, call)
     total, moving, regions = np.zeros((len(mesh.faces), 3)), 0, RegionMasks(mesh, anatomy)
+    frown = Frown(mesh)
     try:
         every = zip(expressions.names, expressions.positions, strict=True)
         for done, (name, positions) in enumerate(every):
@@ -111,6 +114,9 @@ def measured_folds(
                 total += folds
                 moving += 1
                 regions.add(name, positions, folds)
+                frown.add(name, positions)
+        both = frown.positions if anatomy == FINE else None
+        frowned = None if both is None else stage.measure(both, limit)[0]
     finally:
         stage.release()
     if not moving:
@@ -119,7 +125,10 @@ def measured_folds(
     surface = Diffusion(mesh, _sigma(mesh, unit), moving_as_one(mesh, expressions))
     tensor = surface.of_triangles(in_space(mesh, total / moving))
     progress(0.95, _STAGE)
-    return Folds(tensor.astype(np.float32), moving, regions.masks(surface))
+    crests = None
+    if frowned is not None:
+        crests = frown.crests(surface, in_space(mesh, frowned.astype(np.float64)))
+    return Folds(tensor.astype(np.float32), moving, regions.masks(surface), crests)
 
 
 def in_space(mesh: Mesh, folds: FloatArray) -> FloatArray:

@@ -88,6 +88,10 @@ class Fields:
         """How far skin has long level leaders whatever else folds it, as `leading`."""
         return np.zeros(len(triangle), np.float32)
 
+    def frown(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin has one of the two upright leaders of a frown: 0 to 1."""
+        return np.zeros(len(triangle), np.float32)
+
     def rings(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far skin has rings, long soft level lines: 0 to 1."""
         return np.zeros(len(triangle), np.float32)

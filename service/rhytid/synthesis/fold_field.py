@@ -96,7 +96,11 @@ class FoldField:
         level = self._across_level()
         crossing = _ramp(_within(level / np.maximum(folds.axes()[0], 1e-12), _ACROSS))
         crossing *= _ramp(_within(np.tanh(level / FOLDED), _LEVEL))
+        frown = np.zeros(len(share)) if folds.frown is None else folds.frown.astype(np.float64)
+        # What a raise folds level where a frown folds upright would cross its two lines.
+        crossing *= 1.0 - frown
         known |= {"certainty": certainty, "leading": leading, "crossing": crossing}
+        known["frown"] = frown
         self._planes = {n: self._planes_of(v) for n, v in known.items()}
         used = np.flatnonzero(surface.carries)
         extent = np.ptp(surface.uv[used], axis=1).max(axis=1)
@@ -105,7 +109,8 @@ class FoldField:
     def factor(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """(N,) a property of lines by its name: the factor of their `strength`, `anisotropy` or
         `width`, that of `primary` lines; or, from 0 to 1, the `certainty` of their direction, or
-        how far they have leaders (`leading`), or long level ones (`crossing`)."""
+        how far they have leaders (`leading`), or long level ones (`crossing`), or lie on a crest of
+        the `frown`."""
         return self.at(self._planes[name], triangle, uv)
 
     def mixed(self, values: Mapping[str, float], base: float) -> Planes:

@@ -17,7 +17,7 @@ from rhytid.support import cancellation
 from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.fields import SmoothNoise, level_directions
 from rhytid.synthesis.hashes import Words, place_keys, unit_intervals
-from rhytid.synthesis.leader_families import FAMILIES, RINGS, SEEDS, Family
+from rhytid.synthesis.leader_families import FAMILIES, FIRST, SEEDS, Family
 from rhytid.synthesis.painted_fields import normals_at
 from rhytid.synthesis.pore_density import SPACING
 from rhytid.synthesis.pores import scatter_pores
@@ -95,8 +95,9 @@ class Wishes:
 
     @property
     def order(self) -> IntArray:
-        """The numbers of the lines: rings first, of each kind the largest."""
-        found: IntArray = np.lexsort((self.key, -self.size, self.family != RINGS.number))
+        """The numbers of the lines: rings and those of a frown first, then the largest."""
+        later = ~np.isin(self.family, FIRST)
+        found: IntArray = np.lexsort((self.key, -self.size, later))
         return found
 
 

@@ -2,7 +2,7 @@
 
 Leaders follow the preferred directions. Where skin folds two ways as much, as between the brows,
 which a frown folds upright and a raise folds level, the preferred direction is one of the two or
-neither, and level ones cross the others. A neck has rings.
+neither, and level ones cross the others. A neck has rings, and a frown a pair of upright lines.
 """
 
 from __future__ import annotations
@@ -33,9 +33,10 @@ class Family:
     millimetres.  apart, farther: millimetres between small ones, and how much farther the largest
     are from others.  least: size of the smallest, 0 to 1.  chance: the least factor of the
     distance, and how much larger it may be.  broad, deep: factors of how broad and how deep they
-    are.  winding: how far they wind about their direction, radians, and over which lengths,
-    millimetres.  waves: lengths of those of their depth, millimetres, from, and by chance how much
-    longer.  uneven: how high each of these is; where their sum is below -1 a line is broken.
+    are.  crossed: whether others may cross them.  winding: how far they wind about their direction,
+    radians, and over which lengths, millimetres.  waves: lengths of those of their depth,
+    millimetres, from, and by chance how much longer.  uneven: how high each of these is; where
+    their sum is below -1 a line is broken.
     """
 
     leading: Values
@@ -51,6 +52,7 @@ class Family:
     chance: tuple[float, float] = (0.65, 0.9)
     broad: float = 1.0
     deep: float = 1.0
+    crossed: bool = True
     winding: tuple[tuple[float, float], ...] = ((0.15, 9.0), (0.16, 2.2))
     waves: tuple[tuple[float, float], ...] = ((1.0, 0.9), (2.4, 2.5), (7.0, 6.0))
     uneven: float = 0.27
@@ -58,6 +60,10 @@ class Family:
 
 def _level(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
     return np.zeros(len(triangle), np.float32)
+
+
+def _upright(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+    return np.full(len(triangle), 0.5 * np.pi, np.float32)
 
 
 PREFERRED = Family(lambda f, *place: f.leading(*place), lambda f, *place: f.turn(*place))
@@ -90,10 +96,28 @@ RINGS = Family(
     waves=((8.0, 7.0), (18.0, 16.0), (36.0, 30.0)),
     uneven=0.38,
 )
+# One line on each of the two crests, as long as that is, and no other within some millimetres.
+FROWN = Family(
+    lambda f, *place: f.frown(*place),
+    _upright,
+    number=3,
+    shortest=12.0,
+    longest=44.0,
+    apart=12.0,
+    farther=0.0,
+    least=0.8,
+    chance=(1.0, 0.0),
+    broad=1.6,
+    deep=1.3,
+    crossed=False,
+    winding=((0.12, 12.0), (0.14, 2.2)),
+)
 # By number.
-FAMILIES = (PREFERRED, CROSSING, RINGS)
+FAMILIES = (PREFERRED, CROSSING, RINGS, FROWN)
+# Those that come before the others.
+FIRST = (RINGS.number, FROWN.number)
 # Those that expressions leave behind.
-_FOLDED = (PREFERRED, CROSSING)
+_FOLDED = (PREFERRED, CROSSING, FROWN)
 
 
 def leading_any_way(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:

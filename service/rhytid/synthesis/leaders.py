@@ -222,7 +222,8 @@ class _Beside:
         self._position, self._way = courses.points.position, courses.ways
         self._normal = courses.points.normal.astype(np.float64)
         line, wishes = courses.line, courses.wishes
-        self._reach, self._ring = wishes.apart, wishes.family == RINGS.number
+        self._reach, self._family = wishes.apart, wishes.family
+        self._ring = wishes.family == RINGS.number
         self._apart, self._of_rings = wishes.apart[line], self._ring[line]
         # A tree whose points are left one after the other is not worth balancing.
         quick = {"balanced_tree": False, "compact_nodes": False}
@@ -230,7 +231,7 @@ class _Beside:
 
     def of(self, row: int, points: slice, free: BoolArray) -> IntArray:
         """Numbers of the free points that lie too near to some that follow one another on a line,
-        but those of lines that cross it."""
+        but those of lines that cross it where they may."""
         place, way, reach = self._position[points], self._way[points], self._reach[row]
         near = self._near(place, reach)
         near = near[free[near]]
@@ -243,8 +244,10 @@ class _Beside:
         one, two = np.nonzero(distance < (limit**2)[:, None])
         of, other = near[one], np.arange(points.start, points.stop)[two]
         facing = np.einsum("nx,nx->n", self._normal[of], self._normal[other]) > 0
-        beside = np.abs(np.einsum("nx,nx->n", self._way[of], self._way[other])) > _CROSSES
-        taken: IntArray = of[facing & beside]
+        if FAMILIES[self._family[row]].crossed:
+            cosine = np.abs(np.einsum("nx,nx->n", self._way[of], self._way[other]))
+            facing &= cosine > _CROSSES
+        taken: IntArray = of[facing]
         return taken
 
     def _near(self, line: FloatArray, reach: float) -> IntArray:

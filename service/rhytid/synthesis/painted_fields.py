@@ -211,6 +211,12 @@ class PaintedFields(Fields):
         found *= self._region("crossed", triangle, uv)
         return found
 
+    def frown(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin has a leader of a frown: as the folds say."""
+        if self._folds is None:
+            return super().frown(triangle, uv)
+        return self._folds.factor("frown", triangle, uv)
+
     def rings(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far skin has rings: of the regions."""
         return self._region("rings", triangle, uv)
