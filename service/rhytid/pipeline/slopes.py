@@ -25,6 +25,8 @@ from rhytid.pipeline.vectors import VECTOR
 MOMENTS = SLOPE_CHANNELS
 # Bits of a texel's code, as cells.clh has them.
 RIGHT, LEFT, ABOVE, BELOW, INSIDE = 1, 2, 4, 8, 16
+# Texels of a cell along a row, and rows, as cells.clh has them.
+_CELL = 16, 4
 # Texels that one launch takes.
 _AT_ONCE = 1 << 24
 # Texels of a band before each row, which may be read, but are not used.
@@ -49,7 +51,7 @@ class _Strip(BufferGroup):
     ) -> _Strip:
         """triangles, codes: (rows, R)."""
         rows, side = codes.shape
-        size = (side // VECTOR, rows // 2)
+        size = (side // _CELL[0], rows // _CELL[1])
         cells = size[0] * size[1]
         held, code = device.upload(triangles), device.upload(codes)
         counts = device.empty(cells, np.int32)
@@ -57,7 +59,7 @@ class _Strip(BufferGroup):
         found = device.read(counts, (cells,), np.int32)
         ends = np.append(np.int32(0), np.cumsum(found >> 1, dtype=np.int32))
         firsts = device.upload((ends << 1) | np.append(found & 1, np.int32(0)))
-        members = device.empty(2 * int(ends[-1]), np.int32)
+        members = device.empty(3 * int(ends[-1]), np.int32)
         device.launch("cells", "list_cells", size, held, code, firsts, members)
         held.release()
         counts.release()
@@ -247,7 +249,7 @@ class SlopeWork:
         )  # fmt: skip
         at = _strip_arguments(chart, strip, strip.row, 0, terms)
         to = _ints(strip.row // 4, self.least == 1)
-        size = (self.side // VECTOR, strip.rows // 4)
+        size = (self.side // _CELL[0], strip.rows // _CELL[1])
         kept = self._levels[0], self._levels[-1]
         self._device.launch("slopes", "levels", size, *heights, *at, *to, *kept)
 
@@ -283,7 +285,7 @@ def finest_moments(
         held, *_ints((side + 1) * stride + 1),
     )  # fmt: skip
     at = _strip_arguments(chart, chart.strip_of(row), row, column, terms)
-    device.launch("slopes", "finest", (side // VECTOR, side // 2), *heights, *at, out)
+    device.launch("slopes", "finest", (side // _CELL[0], side // _CELL[1]), *heights, *at, out)
     found: Texels = device.read(out, (len(MOMENTS), side, side), np.float32)
     held.release()
     out.release()
@@ -295,7 +297,8 @@ def _strip_arguments(
 ) -> tuple[object, ...]:
     """SURFACE of slopes.cl behind the heights, from the texel (row, column) of the map on."""
     side, (u, v) = chart.side, chart.corner
-    cells = _ints(side // VECTOR, column // VECTOR, (row - strip.row) // 2)
+    wide, high = _CELL
+    cells = _ints(side // wide, column // wide, (row - strip.row) // high)
     centre = (u * side + column + 0.5, (v + 1) * side - row - 0.5)
     at = (np.float32(part) for part in centre)
     return (strip.codes, strip.firsts, strip.members, *cells, terms, *at)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 SIDE = 128
 # The flag of a triangle, in slope_terms.clh.
-SMOOTH = 29
+FITS = 23
 # Float32 beside double: slopes of this relief reach 1.
 CLOSE = 1e-5
 
@@ -44,7 +44,7 @@ class Scene(NamedTuple):
     inside: NDArray[np.bool_]
 
 
-@pytest.fixture(scope="module", params=[0.2, 0.01], ids=["bent", "smooth"])
+@pytest.fixture(scope="module", params=[0.4, 0.01], ids=["bent", "smooth"])
 def scene(device: Device, small_mesh: SmallMesh, request: pytest.FixtureRequest) -> Scene:
     """Of a mesh that bends much within a cell, and little."""
     mesh = Mesh(*small_mesh)
@@ -63,10 +63,13 @@ def scene(device: Device, small_mesh: SmallMesh, request: pytest.FixtureRequest)
     )
 
 
-def test_the_scenes_take_both_ways(device: Device, scene: Scene) -> None:
-    """A triangle that bends much is turned texel by texel, others by a cubic."""
+def test_the_scenes_take_both_ways(
+    device: Device, scene: Scene, request: pytest.FixtureRequest
+) -> None:
+    """A triangle that bends much is turned exactly in each texel, others by a polynomial."""
     terms = device.read(scene.terms, (len(scene.mesh.faces), TERMS), np.float32)
-    assert 0.1 < terms[:, SMOOTH].mean() < 0.5
+    fits = terms[:, FITS].mean()
+    assert 0.5 < fits < 0.9 if "bent" in request.node.name else fits == 1.0
 
 
 @pytest.mark.parametrize("least", [1, 2])
