@@ -222,6 +222,7 @@ _COARSE: dict[str, dict[str, Any]] = {
         "strength": 1.85,
         "pore_strength": 0.65,
         "scale": 1.25,
+        "patchiness": 0.8,
         "leading": 0.55,
     },
 }
