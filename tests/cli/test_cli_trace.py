@@ -106,6 +106,31 @@ def test_files_and_figures(traced: Traced) -> None:
         assert picture.width > 3 * SIDE
 
 
+def test_warned_where_lines_explain_next_to_nothing(traced: Traced, tmp_path: Path, capfd) -> None:
+    """Noise, with one short line in it."""
+    assert "scan-lines" not in {warning["code"] for warning in traced.told["warnings"]}
+    rng, out, told = np.random.default_rng(3), tmp_path / "traced", tmp_path / "told.json"
+    noise = 0.001 * rng.normal(size=(SIDE, SIDE)).clip(-3, 3)
+    noise[100:103, 60:70] -= 0.004
+    scan = write_codes(tmp_path / "scan.png", noise)
+    given = (traced.mesh, scan, "--scale", RANGE, "--out", out, "--json", told)
+    assert trace(*given) == 0
+    assert "scan-lines: UDIM 1001: lines and pores leave " in capfd.readouterr().err
+    assert trace(*given, "--strict", "--allow", "scan-depth") == 1
+    assert "strict" in capfd.readouterr().err
+
+
+def test_floats_without_a_scale_are_lengths(
+    traced: Traced, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scan, said = tmp_path / "scan.tif", []
+    Image.fromarray(relief()).save(scan)
+    monkeypatch.setattr("rhytid.baking.run_warnings.note", said.append)
+    assert main(["check", str(traced.mesh), "--scan", str(scan)]) == 0
+    told = "without --scale the value 1 of these floats is taken for 1 cm"
+    assert said == [f"rhytid check: notice: {told}"]
+
+
 def test_scan_is_residual_and_neutral(traced: Traced, tmp_path: Path) -> None:
     """Within half a step of 16 bits, at every texel of a chart."""
     neutral = neutral_map(traced.mesh, traced.out, tmp_path)

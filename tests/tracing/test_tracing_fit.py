@@ -156,14 +156,14 @@ def test_no_rest_has_a_larger_range_than_the_scan(device):
     scan = fit.drawn_neutral(
         device, fit.neutral_graph(one_line(), no_pores(), settings), settings, 1001
     )
-    deep = one_line(weight=(1.0, 0.9))
-    with Workspace(device) as work:
-        everywhere = np.ones(scan.shape, np.bool_)
-        found = fit.fitted(work, device, deep, no_pores(), scan, everywhere, settings, steps=0)
-    graph = fit.neutral_graph(found.lines, no_pores(), settings)
+    deep, everywhere = one_line(weight=(1.0, 0.9)), np.ones(scan.shape, np.bool_)
+    drawn = fit.drawn_neutral(device, fit.neutral_graph(deep, no_pores(), settings), settings, 1001)
+    maps = scan, scan - drawn, everywhere
+    lines, _ = fit._within_range(device, deep, no_pores(), *maps, settings)
+    graph = fit.neutral_graph(lines, no_pores(), settings)
     drawn = fit.drawn_neutral(device, graph, settings, 1001)
     assert np.ptp(scan - drawn) <= np.ptp(scan)
-    assert found.lines.weight.max() > 0.4  # no shallower than needed
+    assert lines.weight.max() > 0.4  # no shallower than needed
 
 
 def test_what_is_outside_is_no_part_of_the_range(device):
@@ -186,3 +186,14 @@ def test_tiles_change_no_sums(device, monkeypatch):
         monkeypatch.setattr(fit, "_TILE", 64)
         cut, _ = fit.sums_of(work, lines, no_pores(), maps, settings)
     assert cut == pytest.approx(whole, rel=1e-4, abs=1e-4)
+
+
+def test_lines_that_leave_more_than_there_was_are_drawn_shallower(device):
+    settings, deep = settings_of(), one_line(weight=(0.9, 0.9))
+    graph = fit.neutral_graph(one_line(weight=(0.3, 0.3)), no_pores(), settings)
+    scan = fit.drawn_neutral(device, graph, settings, 1001) + np.float32(4.0)
+    everywhere = np.ones(scan.shape, np.bool_)
+    with Workspace(device) as work:
+        found = fit.fitted(work, device, deep, no_pores(), scan, everywhere, settings, steps=0)
+    assert found.left[0] > scan.std()  # without the midlevel
+    assert found.lines.weight == pytest.approx(np.full(len(deep.x), 0.3), rel=0.05)

@@ -6,7 +6,7 @@ import argparse
 import json
 import shlex
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -36,6 +36,7 @@ from rhytid.cli.scan_options import (
 from rhytid.cli.skin_options import add_settings, given_settings
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import millimetres, unit_after_number, usual_spacing
+from rhytid.domain.warnings import LINES_LEFT, SCAN_LINES, InputWarning
 from rhytid.support.console import make_folder, report, share_bar, table, working
 
 if TYPE_CHECKING:
@@ -91,8 +92,10 @@ def run(arguments: argparse.Namespace) -> None:
         device = open_device(arguments)
         start = time.monotonic()
         found = _traced(device, scan)
+        warnings.add(found.warnings())
         out: Path = arguments.out
         _write(out, device, scan, found)
+        warnings.refuse()
         figures = {
             "folder": str(out),
             "seconds": round(time.monotonic() - start, 3),
@@ -158,6 +161,17 @@ class _Found:
             "udims": self.udims,
         }
 
+    def warnings(self) -> Iterator[InputWarning]:
+        """Of UDIMs whose lines explain next to nothing."""
+        for udim in self.udims:
+            left, fine = udim["left"], udim["fine_left"]
+            if fine > LINES_LEFT or left >= 1.0:
+                detail = (
+                    f"lines and pores leave {100 * fine:.0f} % of the relief that is narrower than "
+                    f"33 texels, and {100 * left:.0f} % of all of it: hardly anything will move"
+                )
+                yield InputWarning(SCAN_LINES, detail, f"UDIM {udim['udim']}")
+
 
 def _traced(device: Device, scan: _Scan) -> _Found:
     """Trace the scan as the build of an asset does, and measure what was found."""
@@ -182,13 +196,13 @@ def _figures(
     inside: NDArray[np.bool_],
     found: Trace,
 ) -> dict[str, float]:
-    """Figures of a UDIM: root mean squares over its charts, mesh units, and shares that are left
-    of the relief and of its fine part.  fine_of: of a map and what is inside."""
-    from rhytid.tracing.measure import rms
+    """Figures of a UDIM: root mean squares about the mean over its charts, mesh units, and shares
+    that are left of the relief and of its fine part.  fine_of: of a map and what is inside."""
+    from rhytid.tracing.measure import spread
 
     residual = found.residual[udim]
-    whole, left = rms(relief, inside), rms(residual, inside)
-    of_fine, fine_left = (rms(fine_of(map, inside), inside) for map in (relief, residual))
+    whole, left = spread(relief, inside), spread(residual, inside)
+    of_fine, fine_left = (spread(fine_of(map, inside), inside) for map in (relief, residual))
     return {
         "udim": udim,
         "relief": whole,
@@ -273,8 +287,8 @@ def _text(arguments: argparse.Namespace, figures: dict[str, Any]) -> str:
         [
             f"{counts}; a line of weight 1 is {factor * figures['depth']:.3g} {unit} deep",
             table(header, rows),
-            "left: root mean square of the residual over that of the relief; fine: of what is "
-            "narrower than 33 texels",
+            "left: root mean square of the residual over that of the relief, about their means; "
+            "fine: of what is narrower than 33 texels",
             f"the lines move with: {_bake_command(arguments)}",
         ]
     )

@@ -29,6 +29,7 @@ SCAN_MIDLEVEL = "scan-midlevel"
 SCAN_FLAT = "scan-flat"
 SCAN_MIRRORED = "scan-mirrored"
 SCAN_SEAMS = "scan-seams"
+SCAN_LINES = "scan-lines"
 CODES = (
     UV_OVERLAP,
     UV_MIRRORED,
@@ -48,6 +49,7 @@ CODES = (
     SCAN_FLAT,
     SCAN_MIRRORED,
     SCAN_SEAMS,
+    SCAN_LINES,
 )
 
 # uv-overlap: share of the covered UV area that lies under two triangles or more. Layouts have
@@ -99,6 +101,9 @@ FLIP_MATCH, FLIP_MARGIN = 0.25, 0.12
 # scan-seams: rms of the difference of both sides over the standard deviation of heights along
 # seams. Sides that have nothing to do with one another have 1.4.
 SEAM_SHARE = 0.5
+# scan-lines: rms of what traced lines and pores leave of the relief that is narrower than 33 texels
+# over that of this relief: they draw less than a tenth of its square. Grown skin has 0.3 to 0.6.
+LINES_LEFT = 0.95
 
 
 @dataclass(frozen=True)
@@ -316,6 +321,17 @@ WARNINGS: dict[str, Meaning] = {
         (
             "bake the map from the mesh whose UV this is, with padding around charts (16 texels); "
             "check that it is the map of this mesh and not turned"
+        ),
+    ),
+    SCAN_LINES: Meaning(
+        "a traced scan",
+        (
+            "lines and pores leave more than 0.95 of the relief that is narrower than 33 texels "
+            "(rms), or of all of it as much as there was: hardly anything will move"
+        ),
+        (
+            "look at `trace.png`; trace at more texels (`--resolution`), from 16 bits or floats, "
+            "and see that scale and `--flip` are right; a scan of broad forms alone has no lines"
         ),
     ),
 }

@@ -62,7 +62,7 @@ _LEAST = 0.01
 @dataclass(frozen=True, eq=False)
 class Fitted:
     """Lines and pores of a UDIM, and the root mean square of what is left of the scan after each
-    step, relief units."""
+    step, relief units, without a mean that is above 0: lines draw none."""
 
     lines: TracedLines
     pores: TracedPores
@@ -80,11 +80,14 @@ def fitted(
     steps: int = STEPS,
     progress: Progress = silent,
 ) -> Fitted:
-    """Lines and pores after `steps` steps, or the last before what is left grew.
+    """Lines and pores after `steps` steps, or the last before what is left grew; shallower ones
+    where they leave more than there was.
 
     scan (R, R): relief, mesh units.  inside (R, R): where there is skin.  settings: resolved,
     without grain and undulation.
     """
+    if inside.any():
+        scan = scan - np.float32(max(scan.mean(dtype=np.float64, where=inside), 0.0))
     if settings.shape.cushion > 0.0:
         lines, pores = _scaled(work, device, lines, pores, scan, inside, settings)
     best, left, texels = (lines, pores), [], int(np.count_nonzero(inside))
@@ -100,8 +103,29 @@ def fitted(
         if step == steps:
             break
         lines, pores = _stepped(work, lines, pores, (apart, drawn), settings)
+    if min(left) > rms_of_some(scan * inside, texels):
+        best, rest = _shrunk(device, *best, scan, rest, inside, settings)
     lines, pores = _within_range(device, *best, scan, rest, inside, settings)
     return Fitted(lines.without_faint(_LEAST), pores.without_faint(_LEAST), left)
+
+
+def _shrunk(
+    device: Device,
+    lines: TracedLines,
+    pores: TracedPores,
+    scan: NDArray[np.float32],
+    rest: NDArray[np.float32],
+    inside: NDArray[np.bool_],
+    settings: AssetSettings,
+) -> tuple[tuple[TracedLines, TracedPores], NDArray[np.float32]]:
+    """Lines and pores with weights times the one number that is nearest to the scan, and what they
+    leave: together they draw more than there is.  rest: what they leave now, 0 outside."""
+    wanted = scan[inside].astype(np.float64)
+    drawn = wanted - rest[inside]
+    gain = min(max(float(wanted @ drawn) / max(float(drawn @ drawn), 1e-30), 0.0), 1.0)
+    lines = changed(lines, gain * lines.weight, lines.half_width)
+    pores = changed_pores(pores, gain * pores.weight, pores.size)
+    return (lines, pores), _apart(scan, _drawn(device, lines, pores, settings), inside)
 
 
 def _within_range(

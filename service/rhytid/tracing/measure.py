@@ -53,10 +53,10 @@ def depth_of(fine: Relief, inside: Inside) -> float:
     return max(-float(deep), 0.0)
 
 
-def rms(values: Relief, inside: Inside) -> float:
-    """The root mean square of values (H, W) inside; 0 where nothing is."""
-    chosen = np.where(inside, values, np.float32(0.0))
-    return rms_of_some(chosen, int(np.count_nonzero(inside)))
+def spread(values: Relief, inside: Inside) -> float:
+    """The root mean square of values (H, W) inside about their mean, for a midlevel that is off is
+    no relief; 0 where nothing is."""
+    return float(np.std(values[inside], dtype=np.float64)) if inside.any() else 0.0
 
 
 def rms_of_some(values: Relief, count: int) -> float:

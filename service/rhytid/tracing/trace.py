@@ -72,9 +72,9 @@ class Trace:
     """What scans were traced to.
 
     graph: with copies at seams.  residual: (R, R) float32 of each UDIM, mesh units: the scan less
-    what the graph draws at rest, there and outside of charts.  left: for each UDIM the root mean
-    square of what was left within charts after each step of the fit.  noise: of each UDIM, from
-    texel to texel.  charts: `charted` of each UDIM.
+    what the graph draws at rest, there and outside of charts.  left: for each UDIM what was left
+    within charts after each step of the fit, as of `Fitted`.  noise: of each UDIM, from texel to
+    texel.  charts: `charted` of each UDIM.
     """
 
     graph: WrinkleGraph
