@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,10 @@ from exports.textures.test_texture_files import MESH, MOMENTS, SIDE, frame_map
 from rhytid.errors import QueryError
 from rhytid.exports.textures import Shine
 from rhytid.exports.textures.profiles import profiles_of
-from rhytid.exports.textures.shine import gloss, gltf_anisotropy, mean_normals
+from rhytid.exports.textures.shine import gloss, gltf_anisotropy, interpolated, mean_normals
 
 BASE = 0.4
+CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
 def cloud(angle: float, along: float, across: float, mean: tuple[float, float]) -> np.ndarray:
@@ -68,6 +70,28 @@ def test_the_normal_is_that_of_the_mean_slope() -> None:
     np.testing.assert_allclose([-x / z, -y / z], [0.5, -0.25], rtol=1e-6)
 
 
+def test_what_a_linear_filter_takes_from_the_means_is_given_back() -> None:
+    """Gauss' two points an axis are exact for products of bilinear functions."""
+    moments = np.random.default_rng(3).standard_normal((5, 6, 5)).astype(np.float32)
+    means = np.pad(moments[..., :2].astype(np.float64), ((1, 1), (1, 1), (0, 0)), mode="edge")
+    lost = np.zeros((5, 6, 2, 2))
+    for down, right in product((0, 1), repeat=2):
+        corners = [means[down + i : down + i + 5, right + j : right + j + 6] for i, j in CORNERS]
+        for share in product((0.5 - 12**-0.5, 0.5 + 12**-0.5), repeat=2):
+            weights = [abs(1 - i - share[0]) * abs(1 - j - share[1]) for i, j in CORNERS]
+            seen = sum(w * m for w, m in zip(weights, corners, strict=True))
+            all_of_it = sum(
+                w * m[..., None] * m[..., None, :] for w, m in zip(weights, corners, strict=True)
+            )
+            lost += (all_of_it - seen[..., None] * seen[..., None, :]) / 16
+
+    found = interpolated(moments)
+
+    np.testing.assert_array_equal(found[..., :2], moments[..., :2])
+    wanted = np.stack([lost[..., 0, 0], lost[..., 0, 1], lost[..., 1, 1]], -1)
+    np.testing.assert_allclose(found[..., 2:] - moments[..., 2:], wanted, atol=2e-6)
+
+
 @pytest.mark.parametrize("name", ["slopes", "roughness", "anisotropy", "normal-gl"])
 def test_files_are_of_their_level(name: str, tmp_path: Path) -> None:
     (profile,) = profiles_of([name], how=Shine(2, BASE))
@@ -84,13 +108,13 @@ def test_files_are_of_their_level(name: str, tmp_path: Path) -> None:
         order = [("x", "y", "xx", "xy", "yy").index(c.split(".")[1]) for c in found.channels]
         np.testing.assert_array_equal(found.texels, moments[..., order])
         return
-    values = found.texels / 65535.0
+    values, seen = found.texels / 65535.0, interpolated(moments)
     wanted = {
-        "roughness": np.pad(gloss(moments, BASE).roughness, ((0, 0), (0, 0), (0, 1))),
+        "roughness": np.pad(gloss(seen, BASE).roughness, ((0, 0), (0, 0), (0, 1))),
         "anisotropy": np.concatenate(
             [
-                gloss(moments, BASE).axis / 2 + 0.5,
-                gltf_anisotropy(gloss(moments, BASE))[..., None],
+                gloss(seen, BASE).axis / 2 + 0.5,
+                gltf_anisotropy(gloss(seen, BASE))[..., None],
             ],
             axis=-1,
         ),

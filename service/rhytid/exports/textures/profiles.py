@@ -141,12 +141,12 @@ _ALL = (
         shine.write_slopes, shine.slope_facts, described=False, posed=True, of_slopes=True,
     ),
     Profile(
-        "roughness", "roughness-1", ".png", f"roughness.{_UDIM_FIRST}", 6.0, 64,
+        "roughness", "roughness-2", ".png", f"roughness.{_UDIM_FIRST}", 6.0, 64,
         shine.write_roughness, shine.roughness_facts, posed=True, of_slopes=True,
         renamed=png_renamed,
     ),
     Profile(
-        "anisotropy", "anisotropy-1", ".png", f"anisotropy.{_UDIM_FIRST}", 6.0, 64,
+        "anisotropy", "anisotropy-2", ".png", f"anisotropy.{_UDIM_FIRST}", 6.0, 64,
         shine.write_anisotropy, shine.anisotropy_facts, posed=True, of_slopes=True,
         renamed=png_renamed,
     ),

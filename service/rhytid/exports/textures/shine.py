@@ -11,6 +11,10 @@ mapping"; Dupuy et al. 2013, "LEADR mapping"; 2 sigma² after Heitz 2014, "Under
 masking-shadowing function", 5.3). GGX has no variance: there it is the usual approximation. alpha
 is the square of what shaders call roughness: OpenPBR, Standard Surface, Principled BSDF and glTF
 agree.
+
+Renderers interpolate normals between texels, which flattens them. Raw moments that are interpolated
+before C is computed make up for it; a texture of roughness cannot, so that what is lost is in it
+(`interpolated`).
 """
 
 from __future__ import annotations
@@ -55,6 +59,25 @@ def gloss(moments: Texels, roughness: float) -> Gloss:
     angle = np.arctan2(xy, half) / 2
     axis = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     return Gloss(alpha.astype(np.float32), axis.astype(np.float32))
+
+
+def interpolated(moments: Texels) -> Texels:
+    """Moments (n, m, 5) with products that have what a linear filter takes from the mean slopes.
+
+    It makes of the four means around a square m + a ξ + b η + c ξ η, both from -1 to 1, so that the
+    mean of m mᵀ over the square lacks 2/3 (a aᵀ + b bᵀ) + 8/9 c cᵀ. A texel gets the mean of its
+    four squares. Beyond the map it goes on as its border.
+    """
+    means = np.pad(moments[..., :2], ((1, 1), (1, 1), (0, 0)), mode="edge")
+    along, middle = (means[:, 1:] - means[:, :-1]) / 2, (means[:, 1:] + means[:, :-1]) / 2
+    a, c = (along[1:] + along[:-1]) / 2, (along[1:] - along[:-1]) / 2
+    b = (middle[1:] - middle[:-1]) / 2
+    out = moments.copy()
+    for at, (i, j) in enumerate(((0, 0), (0, 1), (1, 1)), start=2):
+        lost = (a[..., i] * a[..., j] + b[..., i] * b[..., j]) * np.float32(2 / 3)
+        lost += c[..., i] * c[..., j] * np.float32(8 / 9)
+        out[..., at] += (lost[1:, 1:] + lost[1:, :-1] + lost[:-1, 1:] + lost[:-1, :-1]) / 4
+    return out
 
 
 def mean_normals(moments: Texels) -> Texels:
@@ -107,14 +130,14 @@ def write_slopes(path: Path, map: FrameMap, facts: Facts, shine: Shine = USUAL) 
 def write_roughness(path: Path, map: FrameMap, facts: Facts, shine: Shine = USUAL) -> None:
     """Write roughness along and across as RGB PNG of 16 bits, blue 0."""
     values, at = _padded(map, shine)
-    found = gloss(values, shine.roughness).roughness
+    found = gloss(interpolated(values), shine.roughness).roughness
     _write_codes(path, np.pad(found, ((0, 0), (0, 0), (0, 1))), at, facts)
 
 
 def write_anisotropy(path: Path, map: FrameMap, facts: Facts, shine: Shine = USUAL) -> None:
     """Write the axis and the strength as RGB PNG of 16 bits."""
     values, at = _padded(map, shine)
-    found = gloss(values, shine.roughness)
+    found = gloss(interpolated(values), shine.roughness)
     strength = gltf_anisotropy(found)[..., None]
     _write_codes(path, np.concatenate([found.axis * 0.5 + 0.5, strength], axis=-1), at, facts)
 
