@@ -72,7 +72,7 @@ def interpolated(moments: Texels) -> Texels:
     along, middle = (means[:, 1:] - means[:, :-1]) / 2, (means[:, 1:] + means[:, :-1]) / 2
     a, c = (along[1:] + along[:-1]) / 2, (along[1:] - along[:-1]) / 2
     b = (middle[1:] - middle[:-1]) / 2
-    out = moments.copy()
+    out: Texels = moments.copy()
     for at, (i, j) in enumerate(((0, 0), (0, 1), (1, 1)), start=2):
         lost = (a[..., i] * a[..., j] + b[..., i] * b[..., j]) * np.float32(2 / 3)
         lost += c[..., i] * c[..., j] * np.float32(8 / 9)
