@@ -29,8 +29,9 @@ _WORN = np.float32(3.0)
 # of strength 1, of the faintest leader and of the deepest.
 _DEEPEST = 0.5
 # Factors of these at 65, for leaders are what expressions leave behind; and of the weight of others
-# where skin folds one way.
-_OLD, _OLD_OTHERS = 2.4, 0.55
+# where skin folds one way. Below 35 a factor of its own is taken to a negative power: leaders are
+# fainter there, and what is between them is less quiet, but weaker for its age.
+_OLD, _OLD_OTHERS, _YOUNG_OTHERS = 2.4, 0.55, 0.75
 _NARROW, _BROAD = 0.6, 1.25
 # How far other lines are fainter: beside a leader, and where skin folds one way; how far from a
 # leader, in pore spacings, the first ends.
@@ -88,7 +89,7 @@ class Ranks:
         near = _nearness(net, leaders, _REACH * spacing)
         leading = leading_any_way(fields, net.pores.triangle, net.pores.uv)
         quiet = (1.0 - _BESIDE * near) * (1.0 - _FOLDED * leading)
-        quiet *= _OLD_OTHERS ** (worn * leading)
+        quiet *= (_OLD_OTHERS if worn > 0.0 else _YOUNG_OTHERS) ** (worn * leading)
         of_pores = np.ones(len(net.pores), np.float32)
         of_pores[net.first] = _BEADS ** min(rank, 1.0)
         return cls(weight, most, width, (quiet**rank).astype(np.float32), of_pores, rank)
