@@ -17,6 +17,8 @@
 #define SIDE 9
 // Most that a polynomial of the turn may be off in cosine or sine at the places that it is tried at.
 #define CLOSE 2e-6f
+// Least cosine of an angle below 0.2.
+#define NEAR 0.9801f
 
 inline float minor(float a, float b, float c, float d) // a b - c d, to two roundings
 {
@@ -241,13 +243,6 @@ INLINE float16 angles(turn_t at)
                    (float16)1.0f);
 }
 
-INLINE float least(float16 of)
-{
-    float8 a = fmin(of.lo, of.hi);
-    float4 b = fmin(a.lo, a.hi);
-    return fmin(fmin(b.x, b.y), fmin(b.z, b.w));
-}
-
 // A form in x and y (coefficients of x^n, x^(n - 1) y, ..) times by.x x + by.y y.
 INLINE float8 times(float8 form, float2 by)
 {
@@ -277,7 +272,7 @@ INLINE bool fit(corners_t n, corners_t t, float3 a, __global const float *uv,
                 __global const float *table, __global float *out)
 {
     turn_t at = turn_at(n, t, a, uv[SIDE], shares(table));
-    float near = least(at.c * at.c.sf + at.s * at.s.sf), angle[16];
+    float angle[16];
     vstore16(angles(at), 0, angle);
     float16 sum = 0;
     for (int k = 0; k < 15; k++)
@@ -297,7 +292,7 @@ INLINE bool fit(corners_t n, corners_t t, float3 a, __global const float *uv,
     SMALL_TURN(float16, turn, c, s);
     float16 off = fmax(fabs(c * at.c.sf - s * at.s.sf - wanted.c),
                        fabs(s * at.c.sf + c * at.s.sf - wanted.s));
-    return near > 0.98f && least(-off) > -CLOSE;
+    return all(at.c * at.c.sf + at.s * at.s.sf > NEAR) && all(off < CLOSE);
 }
 
 // Terms of the exact turn.
