@@ -38,6 +38,7 @@ from rhytid.tracing.measure import (
     above_mean_of_tile,
     cut_out,
     rms_of_some,
+    spread,
 )
 from rhytid.tracing.ridges import Floats
 
@@ -62,7 +63,7 @@ _LEAST = 0.01
 @dataclass(frozen=True, eq=False)
 class Fitted:
     """Lines and pores of a UDIM, and the root mean square of what is left of the scan after each
-    step, relief units, without a mean that is above 0: lines draw none."""
+    step, relief units."""
 
     lines: TracedLines
     pores: TracedPores
@@ -81,13 +82,15 @@ def fitted(
     progress: Progress = silent,
 ) -> Fitted:
     """Lines and pores after `steps` steps, or the last before what is left grew; shallower ones
-    where they leave more than there was.
+    where they leave more than there was, about its mean.
+
+    What is left counts as a whole, as far as a midlevel that is off, though the steps go by its
+    narrow part alone: fits that went on while that part shrank made broad pits of faint lines, and
+    moved skin of known lines worse.
 
     scan (R, R): relief, mesh units.  inside (R, R): where there is skin.  settings: resolved,
     without grain and undulation.
     """
-    if inside.any():
-        scan = scan - np.float32(max(scan.mean(dtype=np.float64, where=inside), 0.0))
     if settings.shape.cushion > 0.0:
         lines, pores = _scaled(work, device, lines, pores, scan, inside, settings)
     best, left, texels = (lines, pores), [], int(np.count_nonzero(inside))
@@ -103,7 +106,7 @@ def fitted(
         if step == steps:
             break
         lines, pores = _stepped(work, lines, pores, (apart, drawn), settings)
-    if min(left) > rms_of_some(scan * inside, texels):
+    if spread(rest, inside) > spread(scan, inside):
         best, rest = _shrunk(device, *best, scan, rest, inside, settings)
     lines, pores = _within_range(device, *best, scan, rest, inside, settings)
     return Fitted(lines.without_faint(_LEAST), pores.without_faint(_LEAST), left)
@@ -122,7 +125,8 @@ def _shrunk(
     leave: together they draw more than there is.  rest: what they leave now, 0 outside."""
     wanted = scan[inside].astype(np.float64)
     drawn = wanted - rest[inside]
-    gain = min(max(float(wanted @ drawn) / max(float(drawn @ drawn), 1e-30), 0.0), 1.0)
+    apart = drawn - drawn.mean()
+    gain = min(max(float(wanted @ apart) / max(float(apart @ apart), 1e-30), 0.0), 1.0)
     lines = changed(lines, gain * lines.weight, lines.half_width)
     pores = changed_pores(pores, gain * pores.weight, pores.size)
     return (lines, pores), _apart(scan, _drawn(device, lines, pores, settings), inside)
