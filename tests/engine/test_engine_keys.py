@@ -118,6 +118,19 @@ def test_the_version_of_the_drawing_goes_with_the_sources(monkeypatch):
     assert build_identity.drawing_version.__wrapped__() != version
 
 
+@pytest.mark.parametrize(
+    "file", ["pipeline/blend", "synthesis/ranks", "tracing/fit", "domain/skin"]
+)
+def test_other_code_of_grown_and_traced_skin_is_another_drawing(file, monkeypatch):
+    """An asset keeps its id where the same input makes other lines."""
+    version, add = build_identity.drawing_version(), build_identity._add
+    changed = lambda digest, name, data: add(  # noqa: E731
+        digest, name, data + b" " * (name == f"rhytid.{file}.py")
+    )
+    monkeypatch.setattr(build_identity, "_add", changed)
+    assert build_identity.drawing_version.__wrapped__() != version
+
+
 def test_the_digest_of_modules_goes_with_names_and_texts(tmp_path, monkeypatch):
     monkeypatch.setattr(build_identity, "files", lambda package: tmp_path)
     digests = set()

@@ -17,7 +17,9 @@ from rhytid.domain.painted_maps import Controls, Stiffness
 from rhytid.domain.residual import Residual, ScanRelief
 from rhytid.storage.canonical import canonical
 
-# Part of every id: raise it when the same input shall build another asset.
+# Part of every id: raise it where what was stored before must not be taken for what the same input
+# builds. Skin whose lines grow otherwise than before keeps its id: stored assets keep their look,
+# and keys of what is drawn have `drawing_version`, which goes with the code that grows lines.
 ID_VERSION = 1
 # Settings that came later: at their defaults they make the asset that was made before them.
 _LATER = (

@@ -18,8 +18,11 @@ if TYPE_CHECKING:
     # Python 3.10 has it elsewhere than 3.11 and later.
     from importlib.abc import Traversable
 
-# What runs the kernels, and what makes files of their maps.
-_DRAWN_BY = ("rhytid.pipeline", "rhytid.exports.textures")
+# What grows and traces skin, what runs the kernels, and what makes files of their maps.
+_DRAWN_BY = (
+    *("rhytid.domain", "rhytid.synthesis", "rhytid.tracing"),
+    *("rhytid.pipeline", "rhytid.exports.textures"),
+)
 # Written into a wheel by `hatch_build.py`.
 _REVISION = "revision.txt"
 _IGNORED = "__pycache__"
@@ -27,8 +30,8 @@ _IGNORED = "__pycache__"
 
 @cache
 def drawing_version() -> str:
-    """The version of the package, with digests of the kernels and of the code that runs them.
-    Builds that differ in it may draw other maps of the same inputs.
+    """The version of the package, with digests of the kernels, of the code that runs them and of
+    that which makes graphs. Builds that differ in it may draw other maps of the same inputs.
 
     It is part of the keys of all that is computed, so that an update never serves maps that an
     earlier build drew. It is no part of the ids of assets, which name content.
