@@ -116,8 +116,10 @@ def test_warned_where_lines_explain_next_to_nothing(traced: Traced, tmp_path: Pa
     given = (traced.mesh, scan, "--scale", RANGE, "--out", out, "--json", told)
     assert trace(*given) == 0
     assert "scan-lines: UDIM 1001: lines and pores leave " in capfd.readouterr().err
-    assert trace(*given, "--strict", "--allow", "scan-depth") == 1
-    assert "strict" in capfd.readouterr().err
+    refused = tmp_path / "refused"
+    assert trace(*given, "--out", refused, "--strict", "--allow", "scan-seams") == 1
+    assert "--allow scan-lines would allow" in capfd.readouterr().err
+    assert not list(refused.iterdir())
 
 
 def test_floats_without_a_scale_are_lengths(

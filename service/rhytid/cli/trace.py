@@ -93,9 +93,9 @@ def run(arguments: argparse.Namespace) -> None:
         start = time.monotonic()
         found = _traced(device, scan)
         warnings.add(found.warnings())
+        warnings.refuse()
         out: Path = arguments.out
         _write(out, device, scan, found)
-        warnings.refuse()
         figures = {
             "folder": str(out),
             "seconds": round(time.monotonic() - start, 3),
