@@ -131,9 +131,10 @@ def cut_out(
     """
     part, more = [], []
     for first, size, side in zip(corner, shape, values.shape, strict=True):
-        low, high = min(max(first, 0), side), min(max(first + size, 0), side)
+        low, high = (min(max(end, 0), side) for end in (first, first + size))
+        before = min(low - first, size) if first < 0 else 0
         part.append(slice(low, high))
-        more.append((low - first, first + size - high))
+        more.append((before, size - before - (high - low)))
     found: Relief = values[tuple(part)]
     if any(map(any, more)):
         found = np.pad(found, more, beyond)
