@@ -179,15 +179,21 @@ def test_bake_needs_a_usable_name(
     assert "--name gives another" in capsys.readouterr().err
 
 
-def test_bake_names_maps_after_a_mesh_whose_name_has_blanks_and_dots(
-    tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("stem", "name"), [("my head.v2", "my_head_v2"), ("head_", "head_")])
+def test_bake_names_maps_after_a_mesh_whatever_its_name_has(
+    stem: str,
+    name: str,
+    tmp_path: Path,
+    small_mesh: SmallMesh,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    mesh = str(write_animation(tmp_path / "my head.v2.npz", small_mesh, 1))
+    mesh = str(write_animation(tmp_path / f"{stem}.npz", small_mesh, 1))
 
     given = ["bake", "--mesh", mesh, "--wrinkles", "100", "--resolution", "256"]
     assert main([*given, "--out", str(tmp_path / "maps")]) == 0
-    assert "notice: maps are called my_head_v2" in capsys.readouterr().err
-    assert (tmp_path / "maps" / "my_head_v2.1001.0001.exr").is_file()
+    noticed = "notice: maps are called my_head_v2" in capsys.readouterr().err
+    assert noticed == (name != stem)
+    assert (tmp_path / "maps" / f"{name}.1001.0001.exr").is_file()
 
 
 @pytest.mark.slow

@@ -8,7 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rhytid.baking.frame_names import FramePlace, FrameRange, check_file_name, frame_numbers
+from rhytid.baking.frame_names import (
+    FramePlace,
+    FrameRange,
+    check_file_name,
+    frame_numbers,
+    is_file_name,
+)
 from rhytid.baking.frames import FrameFiles, check_sources, read_frames_list
 from rhytid.baking.input_files import (
     control_files,
@@ -166,11 +172,12 @@ def _files(request: BakeRequest) -> Sequence[Path] | Sequence[FramePlace]:
 def _own_name(mesh: Path, warnings: RunWarnings) -> str:
     """The name of the mesh file as first part of the names of files, with `_` for what they cannot
     have; raises InputError where nothing is left."""
+    if is_file_name(mesh.stem):
+        return mesh.stem
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", mesh.stem).strip("_")[:64]
     try:
         check_file_name(name)
     except InputError as error:
         raise InputError(f"{mesh.name}: {error}; --name gives another") from error
-    if name != mesh.stem:
-        warnings.note(f"maps are called {name}: their names have no blanks or dots; --name")
+    warnings.note(f"maps are called {name}: their names have no blanks or dots; --name")
     return name
