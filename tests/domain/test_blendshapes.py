@@ -67,6 +67,7 @@ def test_frames_have_no_names() -> None:
         ("eyeBlinkRight", "eye_corner"),
         ("blendShape1.eyeBlink_L", "eye_corner"),
         ("Face|squint", "eye_corner"),
+        ("eyeBlink.L", "eye_corner"),  # as Blender names sides
         ("EYE_CLOSE_R", "eye_corner"),
         ("mouthPucker", "lip"),
         ("Mouth-Funnel", "lip"),
@@ -149,6 +150,7 @@ def test_one_side_alone_is_what_there_is_of_both() -> None:
         ("browDown_L", "left"),
         ("face|BrowDownRight", "right"),
         ("browLower_l", "left"),
+        ("browDown.R", "right"),
         ("browDown", None),
         ("browInnerUp_L", None),
         ("mouthFrown_L", None),

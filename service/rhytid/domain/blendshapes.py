@@ -165,5 +165,5 @@ def frowning_side(name: str) -> str | None:
 
 
 def _plain(name: str) -> str:
-    """The letters of a name in lower case, without its prefix."""
-    return re.sub(r"[^a-z]", "", _PREFIX.split(name)[-1].lower())
+    """The letters of a name in lower case, without its prefix and its side."""
+    return re.sub(r"[^a-z]", "", name_parts(name)[0])
