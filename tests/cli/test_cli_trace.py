@@ -17,6 +17,10 @@ from exr_images import exr
 from meshes import SmallMesh
 from pipeline.scenes import sheet
 from reference import tracing as reference
+from rhytid.baking.input_files import mesh_file
+from rhytid.baking.inputs import scanned_skin
+from rhytid.baking.request import SkinRequest
+from rhytid.baking.run_warnings import RunWarnings
 from rhytid.cli import main
 from rhytid.domain.mesh import Mesh
 from rhytid.exports.textures.frame_map import local_edges
@@ -125,12 +129,16 @@ def test_warned_where_lines_explain_next_to_nothing(traced: Traced, tmp_path: Pa
 def test_floats_without_a_scale_are_lengths(
     traced: Traced, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """In every command that reads them."""
     scan, said = tmp_path / "scan.tif", []
     Image.fromarray(relief()).save(scan)
     monkeypatch.setattr("rhytid.baking.run_warnings.note", said.append)
-    assert main(["check", str(traced.mesh), "--scan", str(scan)]) == 0
     told = "without --scale the value 1 of these floats is taken for 1 cm"
+    assert main(["check", str(traced.mesh), "--scan", str(scan)]) == 0
     assert said == [f"rhytid check: notice: {told}"]
+    with RunWarnings("bake", strict=False) as warnings:
+        scanned_skin(SkinRequest({}, scan=[scan]), mesh_file(traced.mesh), {}, warnings)
+    assert said[1:] == [f"rhytid bake: notice: {told}"]
 
 
 def test_scan_is_residual_and_neutral(traced: Traced, tmp_path: Path) -> None:

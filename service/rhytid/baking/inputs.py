@@ -30,8 +30,10 @@ from rhytid.baking.output import BakeSize, Output
 from rhytid.baking.request import BakeRequest, SkinRequest
 from rhytid.baking.run_warnings import RunWarnings
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.lengths import unit_after_number
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.residual import Residual
+from rhytid.domain.scan import ScanSettings
 from rhytid.domain.settings_changes import settings_unused
 from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.messages import NewAsset
@@ -145,12 +147,26 @@ def scanned_skin(
     if not skin.scan:
         return given, None
     unit = AssetSettings.parse(given).length_unit
-    scan = scan_files(skin.scan, mesh.mesh, skin.scan_settings, unit)
-    check = ScanCheck(scan, mesh.mesh, unit, skin.scan_settings)
-    with working("measuring the scan"):
-        warnings.add(check.warnings())
+    check = measured_scan(skin.scan, mesh.mesh, skin.scan_settings, unit, warnings)
     warnings.refuse()
     return {"resolution": check.resolution(), **given}, check
+
+
+def measured_scan(
+    files: Sequence[Path], mesh: Mesh, settings: ScanSettings, unit: str, warnings: RunWarnings
+) -> ScanCheck:
+    """Displacement measured on its mesh; what is probably wrong is added to `warnings`.
+
+    unit: of the mesh. Raises InputError and SettingsError naming the file or the setting.
+    """
+    scan = scan_files(files, mesh, settings, unit)
+    if settings.scale is None:  # codes need one
+        length = f"1 {unit_after_number(settings.unit or unit)}"
+        warnings.note(f"without --scale the value 1 of these floats is taken for {length}")
+    found = ScanCheck(scan, mesh, unit, settings)
+    with working("measuring the scan"):
+        warnings.add(found.warnings())
+    return found
 
 
 def with_scan(new: NewAsset, scanned: Residual | ScanCheck | None) -> NewAsset:

@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rhytid.cli.options import Arguments, add_several, existing, unit_name
-from rhytid.domain.lengths import unit_after_number
 from rhytid.domain.scan import AUTO, FLIPS, ScanSettings
 from rhytid.errors import InputError
-from rhytid.support.console import working
 
 if TYPE_CHECKING:
     from rhytid.baking.run_warnings import RunWarnings
@@ -112,19 +110,11 @@ def checked_scan(
 
     unit: of the mesh. Raises InputError and SettingsError naming the file or the option.
     """
-    from rhytid.baking.input_files import scan_files
-    from rhytid.meshes.scan_check import ScanCheck
+    from rhytid.baking.inputs import measured_scan
 
     with options_named():
         settings = scan_settings(arguments)
-        scan = scan_files(files, mesh, settings, unit)
-    if settings.scale is None:
-        length = f"1 {unit_after_number(settings.unit or unit)}"
-        warnings.note(f"without --scale the value 1 of these floats is taken for {length}")
-    found = ScanCheck(scan, mesh, unit, settings)
-    with working("measuring the scan"):
-        warnings.add(found.warnings())
-    return found
+        return measured_scan(files, mesh, settings, unit, warnings)
 
 
 def add_scan(group: Arguments) -> None:
