@@ -21,7 +21,9 @@ ADDON = "bl_ext.user_default.rhytid"
 FPS, FILM_QUALITY, STILL_QUALITY = 15, 72, 85
 
 
-def opened(face: Face, moves: np.ndarray, maps: Path, out: Path) -> bpy.types.Object:
+def opened(
+    face: Face, moves: np.ndarray, maps: Path, out: Path, eyes: bool = True
+) -> bpy.types.Object:
     """The animated face with the maps on it, by the extension's Open Baked Maps."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.extensions.package_install_files(
@@ -29,7 +31,7 @@ def opened(face: Face, moves: np.ndarray, maps: Path, out: Path) -> bpy.types.Ob
     )
     if ADDON not in bpy.context.preferences.addons:
         raise SystemExit("the extension could not be installed")
-    obj = stage.build(face, moves)
+    obj = stage.build(face, moves, eyes)
     obj.rhytid.unit = "cm"
     bpy.ops.rhytid.open(directory=str(maps))
     return obj

@@ -20,12 +20,13 @@ FILL_SIZE, FILL_POWER = 45.0, 5000.0
 EYE_SHARE = 0.985
 
 
-def build(face: Face, weights: np.ndarray) -> bpy.types.Object:
-    """An empty scene with the animated face, eyes and a grey world; returns the face."""
+def build(face: Face, weights: np.ndarray, eyes: bool = True) -> bpy.types.Object:
+    """An empty scene with the animated face, eyes unless it has its own, and a grey world; returns
+    the face."""
     scene = bpy.context.scene
     obj = _face_object(face)
     _animate(obj, face, weights)
-    for centre, radius in face.eyes():
+    for centre, radius in face.eyes() if eyes else ():
         _eye(centre, EYE_SHARE * radius)
     scene.frame_start, scene.frame_end = 1, len(weights)
     scene.world = bpy.data.worlds.new("world")
