@@ -73,6 +73,8 @@ def test_folds_come_back_from_their_arrays():
     np.testing.assert_array_equal(again.regions["lip"], 1.0)
     np.testing.assert_array_equal(again.frown, frown)
     assert (again.moving, again.known) == (3, 3 / ENOUGH)
+    # As they were stored before there were frowns.
+    assert Folds.of_arrays(Folds(tensor, 3).arrays()).frown is None
     assert Folds(tensor, 50).known == 1.0
 
 
