@@ -28,6 +28,13 @@ ROWS, COLUMNS = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
 FloatArray = NDArray[np.float64]
 
 
+def form(tensor: FloatArray, one: FloatArray, two: FloatArray) -> FloatArray:
+    """(N,) oneᵀ · tensor · two, of tensors (N, 6) and vectors (N, 3)."""
+    off = one[:, ROWS[3:]] * two[:, COLUMNS[3:]] + one[:, COLUMNS[3:]] * two[:, ROWS[3:]]
+    found: FloatArray = (tensor * np.concatenate([one * two, off], axis=1)).sum(axis=1)
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class Expressions:
     """Deformed positions of a mesh by name.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.blendshapes import LEFT, RIGHT, frowning_side
-from rhytid.domain.expressions import COLUMNS, ROWS
+from rhytid.domain.expressions import form
 from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.diffusion import Diffusion
 from rhytid.pipeline.region_masks import ramp
@@ -80,7 +80,5 @@ def _level(surface: Diffusion, folds: FloatArray, share: float) -> FloatArray:
     tensor = surface.narrower(share).of_triangles(folds)
     level = np.cross(_UP, surface.normals)
     level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-30)
-    rows, columns = level[:, ROWS], level[:, COLUMNS]
-    twice = np.where(ROWS == COLUMNS, 1.0, 2.0)
-    found: FloatArray = np.sqrt(np.maximum((tensor * rows * columns * twice).sum(axis=1), 0.0))
+    found: FloatArray = np.sqrt(np.maximum(form(tensor, level, level), 0.0))
     return found

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.expressions import COLUMNS, ROWS, Folds
+from rhytid.domain.expressions import Folds, form
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.skin import USUAL_AGE, fold_factor_log
 from rhytid.synthesis.fields import Factors, level_directions
@@ -154,7 +154,7 @@ class FoldField:
         beside = np.cross(normal, level)
         tensor = np.einsum("nc,nck->nk", share, self._tensor[self._faces[triangle]])
         along, across, mixed = (
-            _form(tensor, *pair) for pair in ((level, level), (beside, beside), (level, beside))
+            form(tensor, *pair) for pair in ((level, level), (beside, beside), (level, beside))
         )
         twice: ComplexArray = (across - along) - 2j * mixed
         axis: ComplexArray = twice / np.maximum(np.abs(twice), 1e-30)
@@ -166,7 +166,7 @@ class FoldField:
         normal[self._faces] = self._surface.normals
         beside = np.cross(normal, level_directions(normal))
         found: FloatArray = np.sqrt(
-            np.maximum(_form(self._tensor.astype(np.float64), beside, beside), 0.0)
+            np.maximum(form(self._tensor.astype(np.float64), beside, beside), 0.0)
         )
         return found
 
@@ -198,13 +198,6 @@ def _with_unseen(
     unseen = (1.0 - seen) * _UNSEEN**2
     one, two = (np.sqrt(root**2 + unseen) for root in (size, size * (1.0 - eccentricity)))
     return size * np.sqrt(seen), 1.0 - two / np.maximum(one, 1e-12)
-
-
-def _form(tensor: FloatArray, one: FloatArray, two: FloatArray) -> FloatArray:
-    """(N,) oneᵀ · tensor · two."""
-    off = one[:, ROWS[3:]] * two[:, COLUMNS[3:]] + one[:, COLUMNS[3:]] * two[:, ROWS[3:]]
-    found: FloatArray = (tensor * np.concatenate([one * two, off], axis=1)).sum(axis=1)
-    return found
 
 
 def _places(surface: Surface, triangle: NDArray[Any], uv: NDArray[Any]) -> FloatArray:
