@@ -93,7 +93,7 @@ def test_other_files_are_left_alone(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("names", "options", "why"),
     [
-        ([], [], "has no files named NAME.<UDIM>.<FRAME>.exr"),
+        ([], [], "has no files named NAME.<UDIM>.<FRAME>.exr, which bake writes"),
         (["a.1001.0001.exr"], ["--name", "b"], "has no files named b.<UDIM>.<FRAME>.exr"),
         (["a.1001.0001.exr", "b.1001.0001.exr"], [], "has maps of a, b: --name chooses"),
         (["a.1001.0001.exr"], ["--frame", "0002"], "has no maps of frame 0002"),

@@ -90,7 +90,7 @@ def test_what_cannot_be_is_refused(given: dict[str, Any], said: str) -> None:
 
 def test_scales_are_those_of_the_map() -> None:
     for given, channels, coded, said in (
-        (ScanSettings(), 1, True, "d has codes, which have no length of their own"),
+        (ScanSettings(), 1, True, "must be given; where nobody knows it, try one"),
         (ScanSettings((1.0, 1.0, 1.0)), 1, False, "d has one channel, scan.scale has 3 numbers"),
         (ScanSettings((1.0,)), 3, True, "d has three channels that differ: give scan.scale"),
         (ScanSettings(), 3, False, "d has three channels that differ: give scan.scale"),

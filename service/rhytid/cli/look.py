@@ -189,7 +189,10 @@ def _maps(folder: Path, name: str | None) -> tuple[str, set[tuple[int, str]]]:
     files = [match for path in folder.glob("*.exr") if (match := _FILE.fullmatch(path.name))]
     names = sorted({match[1] for match in files})
     if not names or (name is not None and name not in names):
-        raise InputError(f"{folder} has no files named {name or 'NAME'}.<UDIM>.<FRAME>.exr")
+        wanted = f"{name or 'NAME'}.<UDIM>.<FRAME>.exr"
+        raise InputError(
+            f"{folder} has no files named {wanted}, which bake writes for --profile float or half"
+        )
     if name is None and len(names) > 1:
         raise InputError(f"{folder} has maps of {', '.join(names)}: --name chooses")
     name = name or names[0]

@@ -102,7 +102,10 @@ class ScanSettings:
         """
         given = self.scale
         if given is None and coded:
-            rule = "scan.scale, the length of the full range from black to white, must be given"
+            rule = (
+                "scan.scale, the length of the full range from black to white, must be given; "
+                "where nobody knows it, try one and see how deep `rhytid check --scan` says it is"
+            )
             raise SettingsError(f"{name} has codes, which have no length of their own: {rule}")
         found = (1.0,) if given is None else given
         if len(found) != channels:
