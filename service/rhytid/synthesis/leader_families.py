@@ -107,10 +107,10 @@ FROWN = Family(
     farther=0.0,
     least=0.8,
     chance=(1.0, 0.0),
-    broad=1.6,
-    deep=1.3,
+    broad=2.0,
+    deep=0.85,
     crossed=False,
-    winding=((0.12, 12.0), (0.14, 2.2)),
+    winding=((0.16, 10.0), (0.16, 2.4)),
 )
 # By number.
 FAMILIES = (PREFERRED, CROSSING, RINGS, FROWN)
