@@ -305,8 +305,15 @@ def test_lines_that_reach_into_a_udim_without_a_map_are_taken_away_there(tmp_pat
     waves = 0.01 * np.sin(np.arange(SIDE) / 3.0)[:, None] * np.ones((1, SIDE))
     scan = tmp_path / "d.1001.exr"
     scan.write_bytes(exr(waves.astype(np.float32)))
-    assert trace(mesh, scan, "--partial", "--out", out) == 0
+    told = tmp_path / "told.json"
+    assert trace(mesh, scan, "--partial", "--out", out, "--json", told) == 0
     assert (out / "residual.1002.exr").is_file()
+    graph, counted = (
+        read_graph((out / "graph.safetensors").read_bytes()),
+        json.loads(told.read_text()),
+    )
+    assert (counted["pores"], counted["wrinkles"]) == graph.counts()
+    assert counted["wrinkles"] < graph.wrinkles  # copies over the seam are the same lines
     files = "--graph", out / "graph.safetensors", "--residual", out / "residual.<UDIM>.exr"
     settings = "--settings", out / "settings.json"
     baked = ["bake", mesh, "--out", maps, "--method", "neutral", *files, *settings]

@@ -152,9 +152,10 @@ class _Found:
         """For JSON; lengths in mesh units."""
         origin = self.trace.graph.origin
         assert origin is not None  # a traced graph says what it was made for
+        pores, wrinkles = self.trace.graph.counts()
         return {
-            "wrinkles": self.trace.graph.wrinkles,
-            "pores": self.trace.graph.pores,
+            "wrinkles": wrinkles,
+            "pores": pores,
             "depth": origin.depth,
             "unit": self.settings.length_unit,
             "resolution": self.settings.resolution,
