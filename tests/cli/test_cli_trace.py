@@ -125,6 +125,14 @@ def test_warned_where_lines_explain_next_to_nothing(traced: Traced, tmp_path: Pa
     assert "--allow scan-lines would allow" in capfd.readouterr().err
     assert not list(refused.iterdir())
 
+    baked = ["bake", traced.mesh, "--scan", scan, "--scale", RANGE, "--method", "neutral"]
+    baked += ["--out", tmp_path / "maps", "--store", tmp_path / "store"]
+    assert main([*map(str, baked)]) == 0
+    assert "scan-lines: UDIM 1001: lines and pores leave " in capfd.readouterr().err
+    # It is kept with the asset.
+    assert main([*map(str, baked), "--strict", "--allow", "scan-seams"]) == 1
+    assert "--allow scan-lines would allow" in capfd.readouterr().err
+
 
 def test_floats_without_a_scale_are_lengths(
     traced: Traced, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

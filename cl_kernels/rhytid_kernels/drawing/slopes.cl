@@ -65,7 +65,7 @@ INLINE void put(slopes_t own, int texels, slopes_t *to)
     to->y = as_float16(as_int16(to->y) | (as_int16(own.y) & lanes));
 }
 
-#define ROWS                                                                                   \
+#define TURN_ROWS                                                                              \
     float16 along = (x - t[CENTROID_X]) + COLUMNS;                                             \
     float4 up = (y - t[CENTROID_Y]) - (float4)(0, 1, 2, 3);                                    \
     POLYNOMIAL_OF(float4, t, up)
@@ -75,7 +75,7 @@ INLINE void put(slopes_t own, int texels, slopes_t *to)
 // FROM.
 INLINE cell_t slopes_of(__global const float *t, cell_t rises, float x, float y)
 {
-    ROWS;
+    TURN_ROWS;
     return (cell_t){ROW(0, a), ROW(1, b), ROW(2, c), ROW(3, d)};
 }
 
@@ -94,7 +94,7 @@ INLINE void put_slopes(__global const float *t, uint4 texels, cell_t rises, floa
         PUT(2, c, EXACT(2, c));
         PUT(3, d, EXACT(3, d));
     } else {
-        ROWS;
+        TURN_ROWS;
         PUT(0, a, ROW(0, a));
         PUT(1, b, ROW(1, b));
         PUT(2, c, ROW(2, c));

@@ -53,6 +53,7 @@ def build(engine: Engine, new: NewAsset, warnings: RunWarnings) -> AssetInfo:
     if asset.job is not None:
         job = _wait(engine.jobs.get(asset.job), "building")
         asset = engine.assets.info(asset.id)
+        warnings.settings(asset.warnings)
     if asset.state == "failed":
         reason = asset.reason if job is None else _reason(job)
         raise ConflictError(f"the asset could not be built: {reason}")

@@ -17,6 +17,7 @@ from rhytid.domain.mesh_warnings import FrameCheck, mesh_warnings
 from rhytid.domain.notices import Notice, spacing_of_count
 from rhytid.domain.warnings import (
     DEVICES_MIXED,
+    SCAN_LINES,
     SETTINGS_CHANGED,
     SETTINGS_UNUSED,
     InputWarning,
@@ -68,9 +69,10 @@ class RunWarnings:
         self.refuse()
 
     def settings(self, warnings: Iterable[InputWarning]) -> None:
-        """Warn of settings. Other warnings of an asset are left out: `inputs` and `frame` print
-        those of meshes and frames. Raises StrictError."""
-        self.add(w for w in warnings if w.code in (SETTINGS_CHANGED, SETTINGS_UNUSED))
+        """Warn of settings, and of what was traced. Other warnings of an asset are left out:
+        `inputs` and `frame` print those of meshes and frames. Raises StrictError."""
+        told = SETTINGS_CHANGED, SETTINGS_UNUSED, SCAN_LINES
+        self.add(w for w in warnings if w.code in told)
         self.refuse()
 
     def frame(self, warnings: Iterable[InputWarning], name: str) -> None:

@@ -6,9 +6,7 @@ import argparse
 import json
 import shlex
 import time
-from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +34,6 @@ from rhytid.cli.scan_options import (
 from rhytid.cli.skin_options import add_settings, given_settings
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import millimetres, unit_after_number, usual_spacing
-from rhytid.domain.warnings import LINES_LEFT, SCAN_LINES, InputWarning
 from rhytid.support.console import make_folder, report, share_bar, table, working
 
 if TYPE_CHECKING:
@@ -44,6 +41,7 @@ if TYPE_CHECKING:
     from rhytid.device.runtime import Device
     from rhytid.domain.mesh import Mesh
     from rhytid.domain.residual import ScanRelief
+    from rhytid.tracing.measure import Left
     from rhytid.tracing.trace import Trace
 
 GRAPH, SETTINGS, PICTURE = "graph.safetensors", "settings.json", "trace.png"
@@ -92,7 +90,7 @@ def run(arguments: argparse.Namespace) -> None:
         device = open_device(arguments)
         start = time.monotonic()
         found = _traced(device, scan)
-        warnings.add(found.warnings())
+        warnings.add(w for udim, left in found.left.items() for w in left.warnings(udim))
         warnings.refuse()
         out: Path = arguments.out
         _write(out, device, scan, found)
@@ -142,11 +140,11 @@ def _read(arguments: argparse.Namespace, warnings: RunWarnings) -> _Scan:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What was traced.  settings: of the scan.  udims: figures of each UDIM."""
+    """What was traced.  settings: of the scan.  left: of each UDIM."""
 
     trace: Trace
     settings: AssetSettings
-    udims: list[dict[str, float]]
+    left: dict[int, Left]
 
     def figures(self) -> dict[str, Any]:
         """For JSON; lengths in mesh units."""
@@ -159,59 +157,28 @@ class _Found:
             "depth": origin.depth,
             "unit": self.settings.length_unit,
             "resolution": self.settings.resolution,
-            "udims": self.udims,
+            "udims": [
+                {"udim": udim, **asdict(left), "noise": self.trace.noise[udim]}
+                for udim, left in self.left.items()
+            ],
         }
-
-    def warnings(self) -> Iterator[InputWarning]:
-        """Of UDIMs whose lines explain next to nothing."""
-        for udim in self.udims:
-            left, fine = udim["left"], udim["fine_left"]
-            if fine > LINES_LEFT or left >= 1.0:
-                detail = (
-                    f"lines and pores leave {100 * fine:.0f} % of the relief that is narrower than "
-                    f"33 texels, and {100 * left:.0f} % of all of it: hardly anything will move"
-                )
-                yield InputWarning(SCAN_LINES, detail, f"UDIM {udim['udim']}")
 
 
 def _traced(device: Device, scan: _Scan) -> _Found:
     """Trace the scan as the build of an asset does, and measure what was found."""
     from rhytid.synthesis.workspace import Workspace
-    from rhytid.tracing.measure import fine_part
+    from rhytid.tracing.measure import Left
     from rhytid.tracing.scan import traced_scan
 
     with share_bar("tracing") as show:
         found = traced_scan(device, scan.mesh, scan.relief, scan.settings, show)
     with working("measuring the residual"):
-        maps = scan.relief.maps
-        inside = found.charts
-        fine = partial(fine_part, Workspace(device))
-        udims = [_figures(u, maps[u], fine, inside[u], found) for u in sorted(maps)]
-    return _Found(found, scan.settings, udims)
-
-
-def _figures(
-    udim: int,
-    relief: NDArray[np.float32],
-    fine_of: Callable[..., NDArray[np.float32]],
-    inside: NDArray[np.bool_],
-    found: Trace,
-) -> dict[str, float]:
-    """Figures of a UDIM: root mean squares about the mean over its charts, mesh units, and shares
-    that are left of the relief and of its fine part.  fine_of: of a map and what is inside."""
-    from rhytid.tracing.measure import spread
-
-    residual = found.residual[udim]
-    whole, left = spread(relief, inside), spread(residual, inside)
-    of_fine, fine_left = (spread(fine_of(map, inside), inside) for map in (relief, residual))
-    return {
-        "udim": udim,
-        "relief": whole,
-        "left": left / whole if whole else 0.0,
-        "fine": of_fine,
-        "fine_left": fine_left / of_fine if of_fine else 0.0,
-        "noise": found.noise[udim],
-    }
+        work = Workspace(device)
+        left = {
+            udim: Left.of(work, relief, found.residual[udim], found.charts[udim])
+            for udim, relief in sorted(scan.relief.maps.items())
+        }
+    return _Found(found, scan.settings, left)
 
 
 def _write(out: Path, device: Device, scan: _Scan, found: _Found) -> None:

@@ -324,7 +324,7 @@ WARNINGS: dict[str, Meaning] = {
         ),
     ),
     SCAN_LINES: Meaning(
-        "a scan in `rhytid trace`, not in other builds",
+        "a traced scan",
         (
             "lines and pores leave more than 0.95 of the relief that is narrower than 33 texels "
             "(rms), or of all of it as much as there was: hardly anything will move"

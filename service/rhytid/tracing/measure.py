@@ -3,12 +3,15 @@ are drawn with, and how much of a relief is left."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
+from rhytid.domain.warnings import LINES_LEFT, SCAN_LINES, InputWarning
 from rhytid.pipeline.vectors import VECTOR
 from rhytid.synthesis.workspace import Workspace
 
@@ -64,6 +67,39 @@ def rms_of_some(values: Relief, count: int) -> float:
     none."""
     rows = np.einsum("ij,ij->i", values, values).astype(np.float64)
     return float(np.sqrt(rows.sum() / count)) if count else 0.0
+
+
+@dataclass(frozen=True)
+class Left:
+    """How much traced lines and pores leave of the relief of a UDIM.
+
+    relief, fine: root mean squares of the relief and of its fine part about their means, mesh
+    units.  left, fine_left: shares of these that are left.
+    """
+
+    relief: float
+    left: float
+    fine: float
+    fine_left: float
+
+    @classmethod
+    def of(cls, work: Workspace, relief: Relief, residual: Relief, inside: Inside) -> Left:
+        """Of maps (H, W); inside (H, W): their charts."""
+        whole, left = spread(relief, inside), spread(residual, inside)
+        fine, fine_left = (
+            spread(fine_part(work, map, inside), inside) for map in (relief, residual)
+        )
+        return cls(whole, left / whole if whole else 0.0, fine, fine_left / fine if fine else 0.0)
+
+    def warnings(self, udim: int) -> Iterator[InputWarning]:
+        """scan-lines, where lines and pores explain next to nothing."""
+        if self.fine_left > LINES_LEFT or self.left >= 1.0:
+            detail = (
+                f"lines and pores leave {100 * self.fine_left:.0f} % of the relief that is "
+                f"narrower than {BROAD} texels, and {100 * self.left:.0f} % of all of it: hardly "
+                "anything will move"
+            )
+            yield InputWarning(SCAN_LINES, detail, f"UDIM {udim}")
 
 
 def above_mean(work: Workspace, values: Relief, side: int, beyond: Beyond = "edge") -> Relief:

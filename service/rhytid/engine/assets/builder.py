@@ -14,6 +14,7 @@ from rhytid.domain.residual import Residual, ScanRelief
 from rhytid.domain.skin import USUAL_AGE
 from rhytid.domain.tiles import TileAddress
 from rhytid.domain.uv_layout import usual_uv_length
+from rhytid.domain.warnings import InputWarning
 from rhytid.engine.assets.asset import Asset
 from rhytid.engine.assets.graphs import graph_lengths, mean_spacing
 from rhytid.engine.assets.on_device import DeviceAssets
@@ -35,10 +36,15 @@ from rhytid.storage.records import StoredRequest
 from rhytid.storage.store import AssetStore
 from rhytid.synthesis.build_size import BuildSize
 from rhytid.synthesis.generate import Synthesis, synthesize
+from rhytid.synthesis.workspace import Workspace
+from rhytid.tracing.measure import Left, spread
 from rhytid.tracing.scan import traced_scan
+from rhytid.tracing.trace import Trace
 
 # Share of a build's progress at which the synthesis ends.
 _SYNTHESIS = 0.8
+# Share of a traced relief that is left, from which on its lines may explain next to nothing.
+_MUCH_LEFT = 0.9
 # Bins are made ahead only if they leave device memory for other assets.
 _BINS_SHARE = 0.6
 
@@ -246,9 +252,21 @@ class AssetBuilder:
                 self._device, request.mesh, scan, request.settings, report,
                 self._on_device.run_patiently,
             )  # fmt: skip
+            asset.warnings += self._left(scan, found)
         for udim in asset.udims:
             check_cover(found.graph, request.settings, udim, self._limit)
         return found.graph, Residual.of(found.residual)
+
+    def _left(self, scan: ScanRelief, found: Trace) -> tuple[InputWarning, ...]:
+        """Warnings of UDIMs whose lines explain next to nothing."""
+        work = Workspace(self._device, self._on_device.run_patiently)
+        warnings: list[InputWarning] = []
+        for udim, relief in scan.maps.items():
+            residual, inside = found.residual[udim], found.charts[udim]
+            # The fine part takes long: it is looked at where much is left.
+            if spread(residual, inside) > _MUCH_LEFT * spread(relief, inside):
+                warnings += Left.of(work, relief, residual, inside).warnings(udim)
+        return tuple(warnings)
 
     def _grown(self, job: Job, asset: Asset, request: StoredRequest) -> Synthesis:
         size = ""
