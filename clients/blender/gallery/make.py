@@ -25,9 +25,7 @@ from shots import weights
 def main() -> None:
     """Bake, open, render, put together."""
     options = parsed()
-    options.out.mkdir(parents=True, exist_ok=True)
-    # Blender reads it when it is imported: nothing of the user's is read or written.
-    os.environ["BLENDER_USER_RESOURCES"] = str((options.out / "blender").resolve())
+    begin(options.out)
     face = Face.read(options.face)
     moves = weights(face)
     maps = bake(face, moves, options)
@@ -49,13 +47,25 @@ def parsed() -> argparse.Namespace:
     return parser.parse_args()
 
 
+def begin(out: Path) -> None:
+    """Make the folder of all files, before Blender is imported."""
+    out.mkdir(parents=True, exist_ok=True)
+    # Blender reads it when it is imported: nothing of the user's is read or written.
+    os.environ["BLENDER_USER_RESOURCES"] = str((out / "blender").resolve())
+
+
+def run(rhytid: str, *arguments: object) -> None:
+    """The command rhytid."""
+    subprocess.run([*shlex.split(rhytid), *map(str, arguments)], check=True)
+
+
 def bake(face: Face, moves: np.ndarray, options: argparse.Namespace) -> Path:
     """The folder of maps; `rhytid bake` skips those that are there."""
     mesh, maps = options.out / "face.npz", options.out / "maps"
     face.write(mesh, moves)
-    given = ["--mesh", mesh, "--out", maps, "--store", options.out / "store", "--half"]
+    given = ["bake", "--mesh", mesh, "--out", maps, "--store", options.out / "store", "--half"]
     given += ["--sampling", "smooth", "--resolution", options.resolution]
-    subprocess.run([*shlex.split(options.rhytid), "bake", *map(str, given)], check=True)
+    run(options.rhytid, *given)
     return maps.resolve()
 
 

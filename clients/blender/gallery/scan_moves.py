@@ -12,53 +12,46 @@ where it stopped.
 from __future__ import annotations
 
 import argparse
-import os
-import shlex
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from face import Face
+from make import begin, run
 from shots import Shot, View
 
 # Centimetres in a unit of the file, and the scan as its README has it; the depth is a guess.
 UNIT = 5.5
 SCAN = [
-    "--scale",
-    "4.41",
-    "--scan-unit",
-    "mm",
-    "--midlevel",
-    "0.50196",
-    "--flip",
-    "v",
-    "--unit",
-    "cm",
-]
-METHODS = {"the scan as it is": "neutral", "convolved": "convolved", "traced": "redraw"}
-MOVES = ("rest", "smile", "brows", "jaw", "wider")
+    "--scale", "4.41", "--scan-unit", "mm", "--midlevel", "0.50196", "--flip", "v", "--unit", "cm",
+]  # fmt: skip
+# The method that draws each column; the first is at rest, the others are moved.
+COLUMNS = {
+    "at rest": "neutral",
+    "the scan as it is": "neutral",
+    "convolved": "convolved",
+    "traced": "redraw",
+}
 _SIZE = (420, 420)
+_CHEEK = View((4.7, 4.7, 9.9), 5.0, 32, (0.7, 0.75, -0.1), _SIZE)
 # View, and the frame that it shows moved.
 VIEWS = {
     "mouth": (View((2.8, 2.8, 10.4), 5.5, 20, (0.95, 0.35, 0.1), _SIZE), "smile"),
-    "cheek": (View((4.7, 4.7, 9.9), 5.0, 32, (0.7, 0.75, -0.1), _SIZE), "smile"),
+    "cheek": (_CHEEK, "smile"),
     "brows": (View((0.0, 11.0, 11.5), 6.0, 0, (0.8, 0.4, 0.5), _SIZE), "brows"),
     "eye": (View((5.2, 9.0, 8.8), 4.4, 40, (0.8, 0.6, -0.35), _SIZE), "smile"),
     "jaw": (View((2.4, 0.4, 11.0), 6.0, 18, (0.9, 0.4, 0.1), _SIZE), "jaw"),
-    "cheek, 1 % wider": (View((4.7, 4.7, 9.9), 5.0, 32, (0.7, 0.75, -0.1), _SIZE), "wider"),
+    "cheek, 1 % wider": (_CHEEK, "wider"),
 }
 
 
 def main() -> None:
     """Move, bake, render, put together."""
     options = parsed()
-    options.out.mkdir(parents=True, exist_ok=True)
-    os.environ["BLENDER_USER_RESOURCES"] = str((options.out / "blender").resolve())
+    begin(options.out)
     head = moved_head(options)
-    columns = {"at rest": baked("neutral", options)}
-    columns |= {words: baked(method, options) for words, method in METHODS.items()}
-    render(head, columns, options)
+    maps = {method: baked(method, options) for method in dict.fromkeys(COLUMNS.values())}
+    render(head, maps, options)
 
 
 def parsed() -> argparse.Namespace:
@@ -73,24 +66,19 @@ def parsed() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def run(options: argparse.Namespace, *arguments: object) -> None:
-    """The command rhytid."""
-    subprocess.run([*shlex.split(options.rhytid), *map(str, arguments)], check=True)
-
-
 def moved_head(options: argparse.Namespace) -> Face:
     """The head in centimetres, whose expressions are its frames; also written as head.npz."""
     raw = options.out / "raw.npz"
-    run(options, "convert", options.folder / "LeePerrySmith.glb", "--out", raw)
+    run(options.rhytid, "convert", options.folder / "LeePerrySmith.glb", "--out", raw)
     with np.load(raw) as file:
         rest, faces, uv, corners = (file[name] for name in ("positions", "faces", "uv", "face_uv"))
     rest = (UNIT * rest.astype(np.float64)).astype(np.float32)
-    frames = np.stack([rest, *(field(rest) for field in (smile, brows, jaw, wider))])
-    frames = frames.astype(np.float32)
+    frames = np.stack([rest, *(field(rest) for field in MOVES.values())]).astype(np.float32)
     mesh = {"positions": rest, "faces": faces, "uv": uv, "face_uv": corners, "frames": frames}
     np.savez(options.out / "head.npz", **mesh)
     none = np.zeros((0, len(frames)), np.float32)
-    return Face(rest, faces, uv, corners, [*MOVES], frames - rest, none, {})
+    names = ["rest", *MOVES]
+    return Face(rest, faces, uv, corners, names, frames - rest, none, {})
 
 
 def near(points: np.ndarray, at: Sequence[float], reach: float) -> np.ndarray:
@@ -133,35 +121,41 @@ def wider(rest: np.ndarray) -> np.ndarray:
     return rest * np.array((1.01, 1.0, 1.0))
 
 
+MOVES = {"smile": smile, "brows": brows, "jaw": jaw, "wider": wider}
+
+
 def baked(method: str, options: argparse.Namespace) -> Path:
     """The folder of the maps of all frames by one method; all have the traced skin of one store."""
     maps = options.out / method
     scan = options.folder / "displacement_4096.jpg"
     given = ["bake", options.out / "head.npz", "--scan", scan, *SCAN]
     given += ["--store", options.out / "store", "--resolution", options.resolution]
-    run(options, *given, "--method", method, "--out", maps)
+    run(options.rhytid, *given, "--method", method, "--out", maps)
     return maps.resolve()
 
 
-def render(head: Face, columns: dict[str, Path], options: argparse.Namespace) -> None:
-    """A row for each view: at rest, and moved with the maps of each method."""
+def render(head: Face, maps: dict[str, Path], options: argparse.Namespace) -> None:
+    """A row for each view: at rest, and moved with the maps of each method.  maps: their folders by
+    the method."""
+    import bpy
     import rendering
     import sheets
 
-    import gallery  # it imports bpy
+    import gallery
 
     found: dict[str, list[Path]] = {name: [] for name in options.views}
-    moves = np.eye(len(MOVES), dtype=np.float32)
-    for words, maps in columns.items():
-        obj = gallery.opened(head, moves, maps, options.out, eyes=False)
-        rendering.settle(percent=100)
+    moves = np.eye(len(head.names), dtype=np.float32)
+    obj = gallery.opened(head, moves, maps["neutral"], options.out, eyes=False)
+    rendering.settle(percent=100)
+    for words, method in COLUMNS.items():
+        bpy.ops.rhytid.open(directory=str(maps[method]))
         for name in options.views:
             view, moved = VIEWS[name]
-            number = 1 + MOVES.index("rest" if words == "at rest" else moved)
+            number = 1 + head.names.index("rest" if words == "at rest" else moved)
             shot = Shot(f"{name}_{words}", view, range(number, number + 1), options.samples)
             found[name] += rendering.rendered(obj, options.out / "renders", shot, "with")
     rows = [
-        sheets.row(paths, [f"{name}, {words}" for words in columns])
+        sheets.row(paths, [f"{name}, {words}" for words in COLUMNS])
         for name, paths in found.items()
     ]
     sheets.stack(rows).save(options.out / "scan_moves.jpg", quality=gallery.STILL_QUALITY)

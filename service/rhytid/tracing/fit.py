@@ -127,8 +127,7 @@ def _shrunk(
     drawn = wanted - rest[inside]
     apart = drawn - drawn.mean()
     gain = min(max(float(wanted @ apart) / max(float(apart @ apart), 1e-30), 0.0), 1.0)
-    lines = changed(lines, gain * lines.weight, lines.half_width)
-    pores = changed_pores(pores, gain * pores.weight, pores.size)
+    lines, pores = _times(gain, lines, pores)
     return (lines, pores), _apart(scan, _drawn(device, lines, pores, settings), inside)
 
 
@@ -244,6 +243,11 @@ def _scaled(
     )
     square = float(np.vdot(found, found))
     gain = float(np.vdot(wanted, found)) / square if square > 0.0 else 1.0
+    return _times(gain, lines, pores)
+
+
+def _times(gain: float, lines: TracedLines, pores: TracedPores) -> tuple[TracedLines, TracedPores]:
+    """Lines and pores with all weights times one number."""
     return (
         changed(lines, gain * lines.weight, lines.half_width),
         changed_pores(pores, gain * pores.weight, pores.size),

@@ -50,9 +50,10 @@ def depth_of(fine: Relief, inside: Inside) -> float:
     values, share = fine[inside], 1.0 - _DEEPEST
     place = share * (len(values) - 1)
     low = int(place)
+    high = min(low + 1, len(values) - 1)
     # As `np.quantile` has it, which takes several times as long.
-    values.partition([low, min(low + 1, len(values) - 1)])
-    deep = values[low] + (place - low) * (values[min(low + 1, len(values) - 1)] - values[low])
+    values.partition([low, high])
+    deep = values[low] + (place - low) * (values[high] - values[low])
     return max(-float(deep), 0.0)
 
 

@@ -129,17 +129,21 @@ def write_slopes(path: Path, map: FrameMap, facts: Facts, shine: Shine = USUAL) 
 
 def write_roughness(path: Path, map: FrameMap, facts: Facts, shine: Shine = USUAL) -> None:
     """Write roughness along and across as RGB PNG of 16 bits, blue 0."""
-    values, at = _padded(map, shine)
-    found = gloss(interpolated(values), shine.roughness).roughness
-    _write_codes(path, np.pad(found, ((0, 0), (0, 0), (0, 1))), at, facts)
+    found, at = _gloss(map, shine)
+    _write_codes(path, np.pad(found.roughness, ((0, 0), (0, 0), (0, 1))), at, facts)
 
 
 def write_anisotropy(path: Path, map: FrameMap, facts: Facts, shine: Shine = USUAL) -> None:
     """Write the axis and the strength as RGB PNG of 16 bits."""
-    values, at = _padded(map, shine)
-    found = gloss(interpolated(values), shine.roughness)
+    found, at = _gloss(map, shine)
     strength = gltf_anisotropy(found)[..., None]
     _write_codes(path, np.concatenate([found.axis * 0.5 + 0.5, strength], axis=-1), at, facts)
+
+
+def _gloss(map: FrameMap, shine: Shine) -> tuple[Gloss, FrameMap]:
+    """Roughness and axis of a texture, whose filter takes slopes from normals, and its map."""
+    values, at = _padded(map, shine)
+    return gloss(interpolated(values), shine.roughness), at
 
 
 def write_mean_normals(path: Path, map: FrameMap, facts: Facts, shine: Shine = USUAL) -> None:
