@@ -216,21 +216,22 @@ def test_a_frown_has_two_crests_between_the_brows(device):
         shape[:, 0] -= own * side * 0.25 * np.tanh((side * x - 0.8) / 0.5)
         return shape
 
-    shapes, names = np.stack([drawn(-1.0), drawn(1.0)]), ("browDownLeft", "browDown_R")
+    both = drawn(-1.0) + drawn(1.0) - mesh.positions
 
-    def crests(count: int) -> np.ndarray | None:
-        expressions = Expressions.checked(shapes[:count], len(x), names[:count])
+    def crests(shapes: list[np.ndarray], *names: str) -> np.ndarray | None:
+        expressions = Expressions.checked(np.stack(shapes), len(x), names)
         report = (lambda *_: None, directly)
         found = measured_folds(device, mesh, expressions, LIMIT, "cm", *report)
         assert found is not None
         return found.frown
 
-    assert crests(1) is None
-    found = crests(2)
-    assert found is not None
-    high = np.abs(x[found > 0.5])
-    assert len(high) > 40
-    assert (np.abs(high - 0.8) < 0.5).all()
-    assert {-1.0, 1.0} == set(np.sign(x[found > 0.5]))
-    assert found[np.abs(x) < 0.25].max() < 0.1
-    assert found[np.abs(x) > 2.0].max() == 0.0
+    assert crests([drawn(-1.0)], "browDownLeft") is None
+    pair = crests([drawn(-1.0), drawn(1.0)], "browDownRight", "L_browDown")
+    for found in (pair, crests([both], "AU4")):
+        assert found is not None
+        for side in (-1.0, 1.0):
+            high = side * x[side * found > 0.5]
+            assert len(high) > 20
+            assert (np.abs(high - 0.8) < 0.5).all()
+        assert np.abs(found[np.abs(x) < 0.25]).max() < 0.1
+        assert np.abs(found[np.abs(x) > 2.0]).max() == 0.0

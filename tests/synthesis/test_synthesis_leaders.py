@@ -19,7 +19,7 @@ from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.generate import Synthesis, synthesize
-from rhytid.synthesis.leader_families import FROWN, LONGEST, PREFERRED, SHORTEST
+from rhytid.synthesis.leader_families import FROWN_LEFT, FROWN_RIGHT, LONGEST, PREFERRED, SHORTEST
 from rhytid.synthesis.leaders import LeaderPores, Leaders, leaders_of, unit_length
 from rhytid.synthesis.painted_fields import fields_of
 from rhytid.synthesis.patches import Patches
@@ -147,21 +147,28 @@ def test_level_ones_cross_those_of_another_fold(device: Device) -> None:
     assert np.mean([abs(way[1]) > abs(way[0]) for way in ways]) > 0.9
 
 
-def test_a_frown_has_a_pair_and_nothing_beside_it(device: Device) -> None:
-    """Skin is compressed along y, so that others run level; crests at 0.4 and 0.7, 15 mm apart."""
-    at = MESH.positions
-    crest = np.clip(1.0 - np.abs(np.abs(at[:, 0] - 0.55) - 0.15) / 0.04, 0.0, 1.0)
-    crest *= np.abs(at[:, 1] - 0.5) < 0.22
+@pytest.mark.parametrize("apart", [0.3, 0.16], ids=["15 mm", "8 mm"])
+def test_a_frown_has_one_line_a_side_and_nothing_beside_it(device: Device, apart: float) -> None:
+    """Skin is compressed along y, so that others run level; crests are upright, left and right of
+    0.55."""
+    at, pair = MESH.positions, (FROWN_LEFT.number, FROWN_RIGHT.number)
+    beside = at[:, 0] - 0.55
+    crest = np.clip(1.0 - np.abs(np.abs(beside) - 0.5 * apart) / 0.07, 0.0, 1.0)
+    crest *= np.sign(beside) * (np.abs(at[:, 1] - 0.5) < 0.22)
     found = replace(folds(angle=90.0), frown=crest.astype(np.float32))
     leaders, pores = traced(device, MESH, found)
     family = leaders.courses.wishes.family[leaders.row]
-    pair = [pores.points.position[pores.line == n] for n in np.flatnonzero(family == FROWN.number)]
-    assert sorted(line[:, 0].mean() for line in pair) == pytest.approx([0.4, 0.7], abs=0.03)
-    assert min(np.ptp(line[:, 1]) for line in pair) > 14 * MILLIMETRE
-    assert max(np.ptp(line[:, 0]) for line in pair) < 5 * MILLIMETRE
-    others = pores.points.position[np.isin(pores.line, np.flatnonzero(family != FROWN.number))]
+    lines = [pores.points.position[pores.line == n] for n in np.flatnonzero(np.isin(family, pair))]
+    assert sorted(family[np.isin(family, pair)]) == sorted(pair)
+    middle = sorted(line[:, 0].mean() for line in lines)
+    assert middle == pytest.approx([0.55 - 0.5 * apart, 0.55 + 0.5 * apart], abs=0.035)
+    assert min(np.ptp(line[:, 1]) for line in lines) > 10 * MILLIMETRE
+    assert max(np.ptp(line[:, 0]) for line in lines) < 7 * MILLIMETRE
+    depth = [pores.depth[pores.line == n].max() for n in np.flatnonzero(np.isin(family, pair))]
+    assert 0.01 < abs(depth[0] / depth[1] - 1.0) < 0.25
+    others = pores.points.position[~np.isin(pores.line, np.flatnonzero(np.isin(family, pair)))]
     assert len(others) > 50
-    assert cKDTree(others).query(np.concatenate(pair))[0].min() > 3 * MILLIMETRE
+    assert cKDTree(others).query(np.concatenate(lines))[0].min() > 3 * MILLIMETRE
 
 
 def test_they_taper_to_both_ends_and_differ_in_depth(device: Device) -> None:

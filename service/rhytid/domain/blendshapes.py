@@ -21,6 +21,8 @@ LEFT, RIGHT, BOTH = "left", "right", ""
 # `Left`, `_L`, `.l`, or `L` after a lower-case letter, at the end.
 _SIDE = re.compile(r"(?:[ ._-]?(?:(left)|(right))|[ ._-](?:(l)|(r)))$", re.IGNORECASE)
 _LETTER = re.compile(r"(?<=[a-z])(?:(L)|(R))$")
+# `Left_`, `L_` or `l-` at the beginning, where none is at the end.
+_SIDE_FIRST = re.compile(r"(?:(left)|(right)|(l)|(r))[ _-]", re.IGNORECASE)
 _PREFIX = re.compile(r"[.:|/]")
 # Beginnings of names, in lower case, without what is not a letter.
 _BEGINNINGS = {
@@ -48,6 +50,8 @@ _FROWNS = (
     *("browdown", "browsdown", "browlower", "browslower", "lowerbrow", "eyebrowdown"),
     *("eyebrowsdown", "eyebrowlower", "browfurrow", "browsfurrow"),
 )
+# The same as an action unit of FACS, alone and with or without its name: `AU4`, `AU04_BrowLowerer`.
+_LOWERED = re.compile(r"au0?4(?![0-9]|au)")
 
 
 class Blendshapes:
@@ -126,16 +130,23 @@ def meant_shapes(wanted: Sequence[str], known: Sequence[str]) -> list[tuple[int,
 
 
 def name_parts(name: str) -> tuple[str, str]:
-    """The stem in lower case and the side of a shape's name: `eyeBlink_L`, `EyeBlinkLeft` and
-    `face|eyeBlink.L` are all ("eyeblink", "left"). The side is empty where the name has none."""
+    """The stem in lower case and the side of a shape's name: `eyeBlink_L`, `EyeBlinkLeft`,
+    `L_eyeBlink` and `face|eyeBlink.L` are all ("eyeblink", "left"). The side is empty where the
+    name has none."""
     side = BOTH
     found = _SIDE.search(name) or _LETTER.search(name)
     if found is not None and found.start():
-        groups = found.groups()
-        side = LEFT if any(groups[0::2]) else RIGHT
-        name = name[: found.start()]
-    stem = re.sub(r"[^a-z0-9]", "", _PREFIX.split(name)[-1].lower())
-    return stem, side
+        side, name = _side(found), name[: found.start()]
+    name = _PREFIX.split(name)[-1]
+    first = _SIDE_FIRST.match(name)
+    if side == BOTH and first is not None:
+        side, name = _side(first), name[first.end() :]
+    return re.sub(r"[^a-z0-9]", "", name.lower()), side
+
+
+def _side(found: re.Match[str]) -> str:
+    """LEFT or RIGHT, by which groups of a pattern were found."""
+    return LEFT if any(found.groups()[0::2]) else RIGHT
 
 
 def region_of(name: str) -> str | None:
@@ -157,11 +168,10 @@ def rolls_lips(name: str) -> bool:
 
 
 def frowning_side(name: str) -> str | None:
-    """The side of the brow that an expression of that name draws down: LEFT or RIGHT; None for any
-    other name, and for one that does not tell sides."""
-    if not _plain(name).startswith(_FROWNS):
-        return None
-    return name_parts(name)[1] or None
+    """The side of the brow that an expression of that name draws down: LEFT or RIGHT, BOTH for
+    both; None for any other name."""
+    stem, side = name_parts(name)
+    return side if _plain(name).startswith(_FROWNS) or _LOWERED.match(stem) else None
 
 
 def _plain(name: str) -> str:

@@ -22,7 +22,7 @@ AUTO, BY_EXPRESSIONS, LEVEL = LINES = ("auto", "expressions", "level")
 # Expressions that move anything, from which on what they leave alone counts as never folding.
 ENOUGH = 5
 # The name under which the crests of a frown are stored.
-_FROWN = "frown"
+_FROWN = "frown.sides"
 # Places of xx, yy, zz, xy, xz, yz in a symmetric 3 x 3 matrix.
 ROWS, COLUMNS = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
 FloatArray = NDArray[np.float64]
@@ -135,7 +135,8 @@ class Folds:
     log compression along its axes, in the space of the mesh, smoothed on the surface;
     dimensionless.  moving: how many expressions moved anything.  regions: (V,) float32, shares from
     0 to 1, by the name of the region.  frown: (V,) float32, how far vertices lie on one of the two
-    crests of a frown, 0 to 1; None where expressions do not show them.
+    crests of a frown, 0 to 1 on the left one and 0 to -1 on the right one; None where expressions
+    do not show them.
 
     Raises InputError for arrays that do not fit or are not finite.
     """

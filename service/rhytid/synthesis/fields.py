@@ -89,7 +89,8 @@ class Fields:
         return np.zeros(len(triangle), np.float32)
 
     def frown(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """How far skin has one of the two upright leaders of a frown: 0 to 1."""
+        """How far skin has one of the two upright leaders of a frown: 0 to 1 the left one, 0 to
+        -1 the right one."""
         return np.zeros(len(triangle), np.float32)
 
     def rings(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:

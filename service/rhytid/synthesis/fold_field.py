@@ -98,7 +98,7 @@ class FoldField:
         crossing *= _ramp(_within(np.tanh(level / FOLDED), _LEVEL))
         frown = np.zeros(len(share)) if folds.frown is None else folds.frown.astype(np.float64)
         # What a raise folds level where a frown folds upright would cross its two lines.
-        crossing *= 1.0 - frown
+        crossing *= 1.0 - np.abs(frown)
         known |= {"certainty": certainty, "leading": leading, "crossing": crossing}
         known["frown"] = frown
         self._planes = {n: self._planes_of(v) for n, v in known.items()}
@@ -110,7 +110,7 @@ class FoldField:
         """(N,) a property of lines by its name: the factor of their `strength`, `anisotropy` or
         `width`, that of `primary` lines; or, from 0 to 1, the `certainty` of their direction, or
         how far they have leaders (`leading`), or long level ones (`crossing`), or lie on a crest of
-        the `frown`."""
+        the `frown`, below 0 on the right one."""
         return self.at(self._planes[name], triangle, uv)
 
     def mixed(self, values: Mapping[str, float], base: float) -> Planes:

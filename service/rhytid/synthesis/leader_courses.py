@@ -44,6 +44,8 @@ _WHIRL = 0.65
 # The same of what the field itself turns over so many steps, without the winding: where it turns
 # more, a line would end in a hook.
 _HOOK, _HOOKED = 0.9, 2
+# How far a line leans to where skin has leaders more by one, beside a step to the other side.
+_LEAN = 0.6
 # Seams that one step may cross.
 _SEAMS = 3
 # Purposes of random numbers.
@@ -234,19 +236,38 @@ class _Tracer:
         begins = np.flatnonzero((leading >= _BEGINS) & self._drawn(key))
         key, far = key[begins], leading[begins].astype(np.float64)
         wishes = Wishes.of(key, far, self._millimetre, self._seed, self._family)
-        return self._joined(wishes, *self._traced(seeds.take(begins), wishes))
+        triangle, uv, step, gone = self._traced(seeds.take(begins), wishes)
+        back, ahead = gone.reshape(2, -1)
+        long = np.flatnonzero(back + ahead >= wishes.least)
+        if self._family.single:
+            has = self._leading_along(triangle, uv, gone)
+            long = long[np.argsort(-has[long], kind="stable")[:1]]
+        return self._joined(wishes, triangle, uv, step, gone, long)
 
     def _drawn(self, key: Words) -> BoolArray:
         """Of seeds, those that are seeds of this family."""
         share = min((SEEDS / self._family.seeds) ** 2, 1.0)
         return np.asarray(unit_intervals(key, _THINNED, self._seed)[0] < share)
 
+    def _leading_along(self, triangle: IntArray, uv: FloatArray, gone: IntArray) -> FloatArray:
+        """(C,) the sum of how far skin has leaders along lines, of both of their sides."""
+        place = triangle.ravel(), uv.reshape(-1, 2).astype(np.float32)
+        leading = self._family.leading(self._ground.fields, *place).reshape(triangle.shape)
+        reached = np.arange(triangle.shape[1]) <= gone[:, None]
+        found: FloatArray = (leading * reached).sum(axis=1).reshape(2, -1).sum(axis=0)
+        return found
+
     def _joined(
-        self, wishes: Wishes, triangle: IntArray, uv: FloatArray, step: FloatArray, gone: IntArray
+        self,
+        wishes: Wishes,
+        triangle: IntArray,
+        uv: FloatArray,
+        step: FloatArray,
+        gone: IntArray,
+        long: IntArray,
     ) -> Courses:
-        """Lines from both of their sides; what is too short is left out."""
+        """Lines `long` (L,) from both of their sides."""
         back, ahead = gone.reshape(2, -1)
-        long = np.flatnonzero(back + ahead >= wishes.least)
         count, seed = (back + ahead)[long] + 1, back[long]
         start, line = starts(count), np.repeat(np.arange(len(long)), count)
         at = np.arange(len(line)) - (start[:-1] + seed)[line]
@@ -282,6 +303,8 @@ class _Tracer:
             straight = _along(axis, heading) >= _WHIRL
             straight &= _along(field, passed[0, going]) >= _HOOK
             heading = axis * np.where(np.einsum("nx,nx->n", axis, heading) < 0, -1.0, 1.0)[:, None]
+            if self._family.single:
+                heading = self._kept(at, where, heading)
             passed[:-1], passed[-1, going] = passed[1:].copy(), field
             step[going, k] = self._step(at, heading)
             to, place, arrived = _walked(self._ground, at, where, step[going, k])
@@ -304,6 +327,17 @@ class _Tracer:
         for bend, noise in self._winding:
             angle += bend * noise.at(position)
         return _turned(level, beside, angle), straight
+
+    def _kept(self, triangle: IntArray, uv: FloatArray, heading: FloatArray) -> FloatArray:
+        """(N, 3) directions that lean to the side where skin has leaders more, so that a line keeps
+        to its crest."""
+        beside = np.cross(normals_at(self._ground.surface, triangle, uv), heading)
+        step, fields = self._step(triangle, beside), self._ground.fields
+        more, less = (
+            self._family.leading(fields, triangle, place.astype(np.float32)).astype(np.float64)
+            for place in (uv + step, uv - step)
+        )
+        return unit(heading + _LEAN * (more - less)[:, None] * beside)
 
     def _step(self, triangle: IntArray, heading: FloatArray) -> FloatArray:
         """(N, 2) UV steps of one pace along the triangles, as near to directions (N, 3) as these

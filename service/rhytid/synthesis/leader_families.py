@@ -8,7 +8,7 @@ neither, and level ones cross the others. A neck has rings, and a frown a pair o
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,10 +33,11 @@ class Family:
     millimetres.  apart, farther: millimetres between small ones, and how much farther the largest
     are from others.  least: size of the smallest, 0 to 1.  chance: the least factor of the
     distance, and how much larger it may be.  broad, deep: factors of how broad and how deep they
-    are.  crossed: whether others may cross them.  winding: how far they wind about their direction,
-    radians, and over which lengths, millimetres.  waves: lengths of those of their depth,
-    millimetres, from, and by chance how much longer.  uneven: how high each of these is; where
-    their sum is below -1 a line is broken.
+    are.  crossed: whether others may cross them.  single: whether there is one alone, along which
+    skin has it most, and which no line before it cuts.  winding: how far they wind about their
+    direction, radians, and over which lengths, millimetres.  waves: lengths of those of their
+    depth, millimetres, from, and by chance how much longer.  uneven: how high each of these is;
+    where their sum is below -1 a line is broken.
     """
 
     leading: Values
@@ -53,6 +54,7 @@ class Family:
     broad: float = 1.0
     deep: float = 1.0
     crossed: bool = True
+    single: bool = False
     winding: tuple[tuple[float, float], ...] = ((0.15, 9.0), (0.16, 2.2))
     waves: tuple[tuple[float, float], ...] = ((1.0, 0.9), (2.4, 2.5), (7.0, 6.0))
     uneven: float = 0.27
@@ -97,27 +99,32 @@ RINGS = Family(
     uneven=0.38,
 )
 # One line on each of the two crests, as long as that is, and no other within some millimetres.
-FROWN = Family(
-    lambda f, *place: f.frown(*place),
+FROWN_LEFT = Family(
+    lambda f, *place: np.maximum(f.frown(*place), 0.0),
     _upright,
     number=3,
-    shortest=12.0,
-    longest=44.0,
+    shortest=10.0,
+    longest=32.0,
     apart=12.0,
     farther=0.0,
-    least=0.8,
+    least=0.85,
     chance=(1.0, 0.0),
-    broad=2.0,
+    broad=1.8,
     deep=0.85,
     crossed=False,
-    winding=((0.16, 10.0), (0.16, 2.4)),
+    single=True,
+    winding=((0.16, 12.0), (0.18, 3.0)),
+    uneven=0.36,
+)
+FROWN_RIGHT = replace(
+    FROWN_LEFT, number=4, leading=lambda f, *place: np.maximum(-f.frown(*place), 0.0)
 )
 # By number.
-FAMILIES = (PREFERRED, CROSSING, RINGS, FROWN)
+FAMILIES = (PREFERRED, CROSSING, RINGS, FROWN_LEFT, FROWN_RIGHT)
 # Those that come before the others.
-FIRST = (RINGS.number, FROWN.number)
+FIRST = tuple(family.number for family in (RINGS, FROWN_LEFT, FROWN_RIGHT))
 # Those that expressions leave behind.
-_FOLDED = (PREFERRED, CROSSING, FROWN)
+_FOLDED = (PREFERRED, CROSSING, FROWN_LEFT, FROWN_RIGHT)
 
 
 def leading_any_way(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:

@@ -225,6 +225,8 @@ class _Beside:
         self._reach, self._family = wishes.apart, wishes.family
         self._ring = wishes.family == RINGS.number
         self._apart, self._of_rings = wishes.apart[line], self._ring[line]
+        single = [family.number for family in FAMILIES if family.single]
+        self._cut = ~np.isin(wishes.family, single)[line]
         # A tree whose points are left one after the other is not worth balancing.
         quick = {"balanced_tree": False, "compact_nodes": False}
         self._tree = scipy.spatial.cKDTree(self._position, **quick)
@@ -234,7 +236,7 @@ class _Beside:
         but those of lines that cross it where they may."""
         place, way, reach = self._position[points], self._way[points], self._reach[row]
         near = self._near(place, reach)
-        near = near[free[near]]
+        near = near[free[near] & self._cut[near]]
         alike = self._of_rings[near] == self._ring[row]
         limit = np.minimum(self._apart[near], reach)
         limit = np.where(alike, np.maximum(limit, _BESIDE * reach), limit)
