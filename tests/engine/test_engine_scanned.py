@@ -24,6 +24,7 @@ from pipeline.scenes import sheet
 from reference import tracing as reference
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.residual import Residual, ScanRelief
+from rhytid.domain.scan import resampled
 from rhytid.domain.tiles import TileAddress
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.assets.upload import content_id
@@ -222,6 +223,32 @@ def test_its_lines_move_and_can_be_had(traced):
     settings = new_asset(MESH, depth=None, preset="best", unit="mm").settings
     sent = NewAsset(MESH, settings, scan=scan)
     assert id == content_id(sent) == engine.assets.create(sent).id
+
+
+def test_detail_leaves_the_means_of_the_scan_and_is_the_same_asset_again(tmp_path):
+    """In every method at rest, and it moves; another server that finds it draws it alike."""
+    own = {udim: relief(udim)[::2, ::2] for udim in (1001, 1012)}
+    maps = {udim: resampled(map, SIDE, SIDE) for udim, map in own.items()}
+    scan = ScanRelief(maps, 1e-6, dict.fromkeys(own, SIDE // 2), 1.0)
+    settings = new_asset(MESH, depth=None, preset="best", unit="mm").settings
+    sent = NewAsset(MESH, settings, scan=scan)
+    with running(tmp_path) as engine:
+        id = built(engine, sent)
+        engine.frames.put(id, "bent", BENT)
+        assert id != content_id(replace(sent, scan=replace(scan, detail=0.5)))
+        assert "settings-changed" not in [w.code for w in engine.assets.create(sent).warnings]
+        info, step = engine.assets.info(id), max(map(np.ptp, maps.values())) / 65535
+        assert info.settings["shape"]["grain"] > 0.0
+        rest = {u: engine.tiles.plan_map(id, "neutral", QUERIES[1], u, 0).draw() for u in maps}
+        for udim, found in rest.items():
+            added = found - maps[udim]
+            halves = added.astype(np.float64).reshape(SIDE // 2, 2, SIDE // 2, 2).mean((1, 3))
+            assert np.abs(halves).max() <= 0.5 * step + 1e-8
+            assert np.abs(added).max() > 20 * step
+        bent = [whole(engine, id, query, 1001) for query in QUERIES]
+    with running(tmp_path) as engine:
+        engine.frames.put(id, "bent", BENT)
+        assert same(bent, [whole(engine, id, query, 1001) for query in QUERIES])
 
 
 def test_warnings_of_a_scan_outlive_a_server_that_ends_while_it_is_traced(tmp_path):

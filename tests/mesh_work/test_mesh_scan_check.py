@@ -292,3 +292,17 @@ def test_seams_are_edges_with_two_places_in_uv() -> None:
     other = Seams.of(flipped)
     assert np.array_equal(other.uv, seams.uv)
     assert np.array_equal(other.ends, seams.ends)
+
+
+def test_detail_counts_from_the_file_or_from_its_spectrum() -> None:
+    """Sharp noise, and the same blurred by two texels, whose density, as it was
+    level, falls with the power -7 where waves are 6.7 texels long."""
+    sharp = np.random.default_rng(2).normal(0.0, 0.02, (SIDE, SIDE))
+    blurred = 4 * ndimage.gaussian_filter(sharp, 2.0)
+    for map, side in ((sharp, SIDE), (blurred, pytest.approx(SIDE * 2 / 6.7, rel=0.1))):
+        for detail, ends in ((None, SIDE), (0.5, side)):
+            found = checked(coded(map), replace(FULL, detail=detail)).relief(1024)
+            assert (found.ends, found.detail) == ({1001: ends}, detail or 1.0)
+    for detail, side in ((None, SIDE), (0.0, 1024)):
+        found = checked(coded(sharp), replace(FULL, detail=detail)).relief(side)
+        assert (dict(found.ends), found.detail) == ({}, 0.0)

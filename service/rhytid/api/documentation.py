@@ -91,6 +91,14 @@ def _scan_schema() -> dict[str, Any]:
             "from coarse to fine; below 0 turns the relief inside out; codes need one",
         },
         "unit": {"type": "string", "description": "of scale; absent: that of the mesh"},
+        "detail": {
+            **number,
+            "minimum": 0,
+            "maximum": 1,
+            "description": "grain where the scan ends, from none to without a step in its "
+            "spectrum; a number counts from where that falls away; absent: 1, but only below the "
+            "texels of the map, where resolution is above these",
+        },
         "midlevel": {
             "oneOf": [number, {"type": "string", "enum": [AUTO]}],
             "description": "value without relief; absent: 0.5 for codes, 0 for floats",

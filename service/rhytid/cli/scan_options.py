@@ -23,12 +23,13 @@ SCAN_FILES = (
     "face.1001.exr, or face.<UDIM>.exr for all"
 )
 # Settings of a scan in messages, and the options that set them.
-_SETTING = re.compile(r"(?<!\S)scan\.(scale|midlevel|unit|flip)\b")
+_SETTING = re.compile(r"(?<!\S)scan\.(scale|midlevel|unit|flip|detail)\b")
 _OPTIONS = {
     "scale": "--scale",
     "midlevel": "--midlevel",
     "unit": "--scan-unit",
     "flip": "--flip",
+    "detail": "--detail",
 }
 
 
@@ -77,6 +78,16 @@ def add_scan_settings(parser: Arguments) -> None:
     add("--partial", action="store_true", help=partial)
 
 
+def add_traced_settings(parser: Arguments) -> None:
+    """Add `--detail`."""
+    detail = (
+        "grain where the scan ends, from 0, none, to 1, without a step in its spectrum; a number "
+        "counts from where the spectrum falls away (default: 1, but only below the texels of the "
+        "map, where the skin has more than these)"
+    )
+    parser.add_argument("--detail", type=float, metavar="D", help=detail)
+
+
 def refuse_without_scan(arguments: argparse.Namespace) -> None:
     """End with a usage error where an option says how to read a scan, and none is given."""
     given = {
@@ -85,6 +96,7 @@ def refuse_without_scan(arguments: argparse.Namespace) -> None:
         "--scan-unit": arguments.scan_unit,
         "--flip": arguments.flip,
         "--partial": arguments.partial or None,
+        "--detail": getattr(arguments, "detail", None),
     }
     for option, value in given.items():
         if value is not None and not arguments.scan:
@@ -95,7 +107,8 @@ def scan_settings(arguments: argparse.Namespace) -> ScanSettings:
     """What the options say of a scan. Raises SettingsError naming the setting."""
     scales = None if arguments.scale is None else tuple(arguments.scale)
     level, unit = arguments.midlevel, arguments.scan_unit
-    return ScanSettings(scales, level, unit, arguments.flip, arguments.partial)
+    detail = getattr(arguments, "detail", None)  # of commands that make lines of a scan
+    return ScanSettings(scales, level, unit, arguments.flip, arguments.partial, detail)
 
 
 def checked_scan(
@@ -122,6 +135,7 @@ def add_scan(group: Arguments) -> None:
     scan = f"{SCAN_FILES}; its lines are traced and move, at rest it stays as it is"
     add_several(group, "--scan", type=scan_file, metavar="MAP", help=scan)
     add_scan_settings(group)
+    add_traced_settings(group)
     residual = "what --graph does not draw of a scan, as `trace` writes it; added to every map"
     add_several(group, "--residual", type=scan_file, metavar="FILE", help=residual)
 

@@ -28,6 +28,7 @@ from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.scan_options import (
     SCAN_FILES,
     add_scan_settings,
+    add_traced_settings,
     checked_scan,
     scan_file,
 )
@@ -66,6 +67,7 @@ def add_command(commands: Commands) -> None:
     add("maps", nargs="+", type=scan_file, metavar="MAP", help=SCAN_FILES)
     add("--out", type=Path, required=True, metavar="FOLDER", help="folder of the files")
     add_scan_settings(parser)
+    add_traced_settings(parser)
     size = (
         "texels per side that are traced, a power of two (default: as many as the map has, at most "
         f"{_USUAL})"
@@ -220,7 +222,7 @@ def _for_bake(scan: _Scan) -> dict[str, Any]:
     from rhytid.tracing.trace import traced_settings
 
     shape = scan.settings.shape
-    drawn = asdict(traced_settings(scan.settings).shape)
+    drawn = asdict(traced_settings(scan.settings, scan.relief.detail > 0.0).shape)
     other = {name: value for name, value in drawn.items() if value != getattr(shape, name)}
     no_more = {"grain": 0.0, "undulation": 0.0}
     return {**scan.given, "shape": {**scan.given.get("shape", {}), **no_more, **other}}

@@ -8,7 +8,7 @@ At rest this is the scan, since the residual is the scan less the neutral of the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ Heights = NDArray[np.float32]
 # Of all maps of an asset together: 16 UDIMs of 4096², or one of 16384².
 MOST_TEXELS = 2**28
 _CODES = _LOWEST, _HIGHEST = -32768, 32767
-_STEP, _NOISE = ".step", "noise"
+_STEP, _NOISE, _END, _DETAIL = ".step", "noise", ".end", "detail"
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,11 +115,15 @@ class ScanRelief:
     """The relief of a scan, to be traced.
 
     maps: (R, R) float32 of each UDIM, mesh units, row 0 at the top.  noise: the least from texel to
-    texel, mesh units, as of rounding to codes. Raises as `Residual`.
+    texel, mesh units, as of rounding to codes.  ends: texels per side, below R, that hold all that
+    the scan has, of UDIMs where that is so.  detail: how much of the spectrum is to go on below
+    these, from 0 to 1. Raises as `Residual`.
     """
 
     maps: Mapping[int, Heights]
     noise: float = 0.0
+    ends: Mapping[int, int] = field(default_factory=dict)
+    detail: float = 0.0
 
     def __post_init__(self) -> None:
         fixed = {u: _fixed(map, u, np.float32) for u, map in sorted(self.maps.items())}
@@ -127,15 +131,25 @@ class ScanRelief:
         object.__setattr__(self, "maps", fixed)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """The maps by the UDIM as text, and the noise."""
+        """The maps by the UDIM as text, the noise, and where there is detail that and the ends."""
         found: dict[str, NDArray[Any]] = {str(udim): map for udim, map in self.maps.items()}
-        return {**found, _NOISE: np.array([self.noise], np.float64)}
+        found[_NOISE] = np.array([self.noise], np.float64)
+        if self.detail > 0.0:
+            found[_DETAIL] = np.array([self.detail], np.float64)
+            found |= {f"{u}{_END}": np.array([end], np.int64) for u, end in self.ends.items()}
+        return found
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> ScanRelief:
         """The inverse of `arrays`."""
-        maps = {int(name): map for name, map in arrays.items() if name != _NOISE}
-        return cls(maps, float(arrays[_NOISE][0]))
+        maps = {int(name): map for name, map in arrays.items() if name.isdecimal()}
+        ends = {
+            int(name.removesuffix(_END)): int(end[0])
+            for name, end in arrays.items()
+            if name.endswith(_END)
+        }
+        detail = float(arrays[_DETAIL][0]) if _DETAIL in arrays else 0.0
+        return cls(maps, float(arrays[_NOISE][0]), ends, detail)
 
     def check(self, udims: Sequence[int], resolution: int) -> None:
         """As `Residual.check`."""

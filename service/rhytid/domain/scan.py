@@ -46,6 +46,9 @@ class ScanSettings:
     unit: of `scale`; None for that of the mesh.
     flip: one of FLIPS, for a map whose v, or u, runs against that of the mesh.
     partial: whether UDIMs of the mesh may have no map.
+    detail: how much grain goes on where the scan ends, from 0, none, to 1, without a step in its
+    spectrum, counted from where that falls away, if only within the texels of the map; None is 1
+    below these, so that what they hold stays.
 
     Raises SettingsError naming the setting that cannot be used.
     """
@@ -55,6 +58,7 @@ class ScanSettings:
     unit: str | None = None
     flip: str | None = None
     partial: bool = False
+    detail: float | None = None
 
     def __post_init__(self) -> None:
         if self.scale is not None:
@@ -69,6 +73,8 @@ class ScanSettings:
 
         if self.flip not in (None, *FLIPS):
             raise SettingsError(f"scan.flip is {self.flip!r}: one of {', '.join(FLIPS)}")
+        if self.detail is not None and not 0.0 <= self.detail <= 1.0:
+            raise SettingsError(f"scan.detail is {self.detail}: from 0 to 1")
 
     @classmethod
     def parse(cls, data: Any) -> ScanSettings:
@@ -88,6 +94,8 @@ class ScanSettings:
                 raise SettingsError(f"scan.scale is {scale!r}: a number, or three in a list")
         if not (isinstance(given.get("midlevel", ""), str) or _is_number(given["midlevel"])):
             raise SettingsError(f"scan.midlevel is {given['midlevel']!r}: a number, or {AUTO!r}")
+        if not _is_number(given.get("detail", 0.0)):
+            raise SettingsError(f"scan.detail is {given['detail']!r}: a number from 0 to 1")
         for name, kind in (("unit", str), ("flip", str), ("partial", bool)):
             if not isinstance(given.get(name, kind()), kind):
                 wanted = "true or false" if kind is bool else "a string"

@@ -21,7 +21,9 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import MESH_UNITS, MILLIMETRES, millimetres
 from rhytid.domain.mesh import Mesh, add_centre
 from rhytid.domain.residual import Residual, ScanRelief
-from rhytid.domain.scan import Scan, ScanSettings
+from rhytid.domain.scan import Scan, ScanMap, ScanSettings
+from rhytid.domain.spectra import shortest_wave
+from rhytid.domain.uv_layout import mean_uv_length
 from rhytid.domain.warnings import (
     BLOCK_RATIO,
     DEEPEST,
@@ -49,6 +51,8 @@ _ENDS = (2.5, 97.5)
 _FLIPS = {"top to bottom": "v", "left to right": "u", "half a turn": "uv"}
 # Texels per side of assets.
 LEAST_RESOLUTION = 256
+# Texels per side of which the spectrum of a map can be told.
+LEAST_END = 64
 _IMPERIAL = ("in", "ft")
 
 
@@ -63,7 +67,9 @@ class MapFacts:
     texels over those within, of the band with most.  midlevel: of the first channel; outside: the
     value outside of the charts, where there is one.  low, high: between which 95 % of the surface
     lies; middle: its median.  steepness: gradient of the relief that a twentieth exceeds.
-    turn: how the map fits the charts best, `as it is` where it cannot be told.
+    turn: how the map fits the charts best, `as it is` where it cannot be told.  shortest: wave from
+    which on there is next to nothing, texels; None where waves go on to two texels, or where there
+    are too few texels to tell.  texel: its mean length on the surface.
     """
 
     udim: int
@@ -84,6 +90,8 @@ class MapFacts:
     high: float
     steepness: float
     turn: str
+    shortest: float | None
+    texel: float
 
     @property
     def depth(self) -> float:
@@ -122,7 +130,22 @@ class ScanCheck:
         if not any(np.ptp(relief) > 0.0 for relief in reliefs.values()):
             raise InputError("there is no relief in the scan: every texel has the same value")
         steps = (one.step for one in self.maps if one.levels is not None)
-        return ScanRelief(reliefs, max(steps, default=0.0) / math.sqrt(12.0))
+        noise = max(steps, default=0.0) / math.sqrt(12.0)
+        ends = {} if self.settings.detail == 0.0 else self._ends(resolution)
+        usual = 1.0 if self.settings.detail is None else self.settings.detail
+        return ScanRelief(reliefs, noise, ends, usual if ends else 0.0)
+
+    def _ends(self, resolution: int) -> dict[int, int]:
+        """Texels per side that hold what each map has, where these are fewer than `resolution`: as
+        many as its file has, and where the caller asks for detail as many as its spectrum needs."""
+        found = {}
+        for one in self.maps:
+            side = max(one.width, one.height)
+            if self.settings.detail is not None and one.shortest is not None:
+                side = math.ceil(2.0 / one.shortest * side)
+            if LEAST_END <= side < resolution:
+                found[one.udim] = side
+        return found
 
     @cached_property
     def maps(self) -> tuple[MapFacts, ...]:
@@ -173,6 +196,12 @@ class ScanCheck:
         yield f"{name}, midlevel", f"{one.midlevel:.4g}, outside of the charts: {outside}", ""
         yield f"{name}, blocks of JPEG", f"{one.blocks:.2f} times as within", ""
         yield f"{name}, lies", one.turn, ""
+        texels = 2.0 if one.shortest is None else one.shortest
+        yield (
+            f"{name}, ends",
+            f"at waves of {self._named(texels * one.texel)}, {texels:.2g} texels",
+            "",
+        )
 
     def _facts(self, udim: int, samples: SurfaceSamples) -> MapFacts:
         map, scales = self.scan.maps[udim], self.scan.scales
@@ -204,6 +233,8 @@ class ScanCheck:
             high=high,
             steepness=_percentiles(steepness, (95.0,))[0],
             turn=best_turn(first, covered),
+            shortest=_shortest(map, covered),
+            texel=mean_uv_length(self.mesh, udim) / max(map.shape),
         )
 
     def _of_map(self, one: MapFacts) -> Iterator[InputWarning]:
@@ -377,6 +408,14 @@ class SeamFacts:
         x, y, z = add_centre(space[worst], mesh.centre).tolist()
         (u, v), (s, t) = uv[worst].tolist()
         return cls(rms, rms / spread, (x, y, z), ((u, v), (s, t)))
+
+
+def _shortest(map: ScanMap, covered: NDArray[np.bool_]) -> float | None:
+    """The shortest waves of the band that has the shortest ones."""
+    rows, columns = (((np.arange(n) + 0.5) * len(covered) / n).astype(np.int64) for n in map.shape)
+    inside = covered[rows[:, None], columns]
+    found = [shortest_wave(channel, inside) for channel in map.channels]
+    return min((wave for wave in found if wave is not None), default=None) if all(found) else None
 
 
 def _percentiles(values: FloatArray, at: tuple[float, ...]) -> list[float]:

@@ -16,6 +16,7 @@ from rhytid.domain.tiles import mesh_udims
 from rhytid.errors import InputError
 from rhytid.synthesis.progress import Progress, silent
 from rhytid.synthesis.workspace import Caller, Workspace, directly
+from rhytid.tracing.detail import with_detail
 from rhytid.tracing.fit import drawn_neutral
 from rhytid.tracing.measure import depth_of, fine_part
 from rhytid.tracing.trace import Trace, TraceSettings, charted, trace, traced_settings
@@ -46,6 +47,8 @@ def traced_scan(
     resolved = replace(settings, depth=depth).resolved(spacing)
     how = TraceSettings(spacing=spacing, noise=scan.noise)
     found = trace(device, mesh, scan.maps, resolved, how, progress, call, charts)
+    if scan.detail > 0.0:
+        found = with_detail(device, mesh, scan, found, resolved, settings.shape.grain_size)
     return replace(found, residual=found.residual | _beyond(device, mesh, scan, found, resolved))
 
 

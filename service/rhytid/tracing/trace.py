@@ -53,6 +53,8 @@ from rhytid.tracing.ridges import (
 )
 
 Relief = NDArray[np.float32]
+# Grain of a scan with detail, depths, times what its graph says: the mean over the face is below.
+DETAIL_GRAIN = 0.25
 # The least curvature of a line times the square of its scale, in depths.
 _FAINTEST = 0.015
 # Gaps in a line that are closed, texels.
@@ -146,13 +148,16 @@ def trace(
     return Trace(graph, residual, left, noise, dict(charts))
 
 
-def traced_settings(settings: AssetSettings) -> AssetSettings:
+def traced_settings(settings: AssetSettings, detailed: bool = False) -> AssetSettings:
     """The settings with which a traced graph is drawn: these, without grain and undulation, and
     where lines would be straight and even (`curvature` and `taper` of 0, as in the preset `paper`)
-    with those that the scan has."""
+    with those that the scan has.
+
+    detailed: with grain, of which the graph says how much of it there is.
+    """
     shape = settings.shape
-    curvature, taper = shape.curvature or 1.0, shape.taper or 1.0
-    shape = replace(shape, grain=0.0, undulation=0.0, curvature=curvature, taper=taper)
+    grain, curvature, taper = DETAIL_GRAIN * detailed, shape.curvature or 1.0, shape.taper or 1.0
+    shape = replace(shape, grain=grain, undulation=0.0, curvature=curvature, taper=taper)
     return replace(settings, shape=shape)
 
 

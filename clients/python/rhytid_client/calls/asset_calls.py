@@ -72,7 +72,8 @@ def create_asset(
     scan: displacement along the normal, scanned or sculpted, as EXR, PNG, TIFF or JPEG, given like
     stiffness: its lines are traced and move, and at rest the skin is the scan.
     scan_settings: how it is read: scale (a number, or three for bands; codes need one), unit,
-    midlevel (a number or "auto"), flip ("v", "u", "uv"), partial (UDIMs may have no map).
+    midlevel (a number or "auto"), flip ("v", "u", "uv"), partial (UDIMs may have no map), detail
+    (grain where the scan ends, 0 to 1).
     progress: called with bytes sent and bytes in all.
     strict: RequestError, and nothing is kept, where there would be `warnings`; allow: but for those
     of these codes.

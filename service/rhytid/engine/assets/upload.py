@@ -112,7 +112,8 @@ def _id(new: NewAsset, expressions: Expressions | None) -> str:
 
 def _to_trace(new: NewAsset) -> NewAsset:
     """The upload of a scan, with settings that its traced graph is drawn with."""
-    return replace(new, settings=traced_settings(new.settings.for_graph(None)))
+    detailed = new.scan is not None and new.scan.detail > 0.0
+    return replace(new, settings=traced_settings(new.settings.for_graph(None), detailed))
 
 
 def _settings_of(

@@ -1,0 +1,230 @@
+"""Below the resolution of a scan: the grain that goes on where its spectrum ends, and what is taken
+off the residual for it.
+
+A scan of n texels a side says what the mean over each of these is, and nothing of shorter waves. To
+an asset of more texels grain is added, which every method draws and which follows stretch. What of
+it the texels of the scan would see is taken away at rest, so that each of their means stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from rhytid.device.runtime import Device
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.painted_maps import bilinear
+from rhytid.domain.residual import ScanRelief
+from rhytid.domain.scan import resampled
+from rhytid.domain.spectra import band_squares
+from rhytid.domain.tiles import udim_origin, udims_at
+from rhytid.domain.uv_layout import mean_uv_length
+from rhytid.pipeline.grain import GrainPlanes, grain_amplitude, grain_codes, relief_shares
+from rhytid.pipeline.locate import UdimTriangles
+from rhytid.support import cancellation
+from rhytid.tracing.trace import Relief, Trace, traced_settings
+
+FloatArray = NDArray[np.float64]
+Inside = NDArray[np.bool_]
+# The longest wave of the grain, in texels of the scan, which see what of its noise is longer.
+_LONGEST = 1.5
+# The most times as high as in the settings that grain is: its codes end at three deviations.
+_MOST = 2.6
+# How much lower waves are than those twice as long, at least and at most: of grown skin 0.3 to 1.3,
+# of a scan 0.7. What falls more ends there; white noise grows twice as high.
+_LEAST_FALL, _MOST_FALL = 0.35, 0.75
+# A place where grain is lower than this share of the usual has too coarse texels for it.
+_CARRIED = 0.3
+# Texels to one of the scan at which grain is measured at most.
+_FINEST = 4
+# The share of a texel that lies inside of charts where all of it does, but for rounding.
+_WHOLE = 0.9999
+# Texels of a side that grain is drawn of at once; columns by which a narrow matrix is found.
+_PIECE, _COLUMNS = 1024, 12
+# How much lower waves are than those twice as long, at least and at most: of grown skin 0.5 to 1.3,
+# of a scan 0.6 to 0.8. Noise of codes has 1.4, and is not gone on with.
+_LEAST_FALL, _MOST_FALL = 0.35, 0.75
+# A place where grain is lower than this share of the usual has too coarse texels for it.
+_CARRIED = 0.3
+# Texels of a side that grain is drawn of at once; columns by which a narrow matrix is found.
+_PIECE, _COLUMNS = 1024, 12
+
+
+def with_detail(
+    device: Device,
+    mesh: Mesh,
+    scan: ScanRelief,
+    found: Trace,
+    settings: AssetSettings,
+    size: float | None,
+) -> Trace:
+    """What was traced, with detail: its graph says how high grain is around each of its nodes, and
+    the residual is less by what the texels of the scan see of it at rest.
+
+    settings: resolved, with which the scan was traced; the graph is drawn with those of
+    `traced_settings` for detail.  size: the longest wave of the grain, mesh units; None for
+    _LONGEST texels of the scan.
+    """
+    texel = np.mean([mean_uv_length(mesh, udim) / side for udim, side in scan.ends.items()])
+    size = _LONGEST * float(texel) if size is None else size
+    drawn = traced_settings(settings, detailed=True)
+    drawn = replace(drawn, shape=replace(drawn.shape, grain_size=size))
+    assert found.graph.origin is not None  # a traced graph says what it was made for
+    origin, factors = replace(found.graph.origin, grain_size=size), {}
+    for udim in scan.ends:
+        even = _grain(device, mesh, scan, found, drawn, udim)
+        factors[udim] = scan.detail * _factors(scan, udim, even, found.charts[udim])
+    graph = replace(found.graph, origin=origin, node_grain=_at_nodes(found.graph, factors))
+    found, residual = replace(found, graph=graph), dict(found.residual)
+    for udim, side in scan.ends.items():
+        grain = _grain(device, mesh, scan, found, drawn, udim)
+        residual[udim] = residual[udim] - seen(grain, side)
+    return replace(found, residual=residual)
+
+
+def seen(grain: Relief, side: int) -> Relief:
+    """(R, R) what a scan of `side` texels a side sees of grain (R, R): `texels_of` it, made larger
+    as a scan is."""
+    return resampled(texels_of(grain, side), len(grain), len(grain))
+
+
+def texels_of(map: Relief, side: int) -> Relief:
+    """(side, side) the texels which, made larger by cubics as those of a scan are, have the means
+    of a map (R, R) over each of them; of a scan that was made larger, its own."""
+    size = len(map)
+    means = resampled(map, side, side).astype(np.float64)
+    # Means of what is made larger, of one in so many texels at a time: a narrow matrix.
+    at = np.arange(side)
+    combs = (at[:, None] % _COLUMNS == np.arange(_COLUMNS)).astype(np.float32)
+    back = resampled(resampled(combs, size, _COLUMNS), side, _COLUMNS)
+    near = _COLUMNS // 2 - 1
+    narrow = np.zeros((2 * near + 1, side))
+    for offset in range(-near, near + 1):  # row at + offset of column at
+        rows = np.clip(at + offset, 0, side - 1)
+        there = (at + offset >= 0) & (at + offset < side)
+        narrow[near + offset] = np.where(there, back[rows, at % _COLUMNS], 0.0)
+    for _ in range(2):
+        means = scipy.linalg.solve_banded((near, near), narrow, means).T
+    return means.astype(np.float32)
+
+
+def _grain(
+    device: Device,
+    mesh: Mesh,
+    scan: ScanRelief,
+    found: Trace,
+    settings: AssetSettings,
+    udim: int,
+) -> Relief:
+    """(R, R) the grain that is drawn at rest, mesh units: as high as the graph says, less in
+    furrows (grain.clh)."""
+    assert settings.depth is not None
+    codes = _codes(device, mesh, found.graph, settings, udim)
+    lines = (scan.maps[udim] - found.residual[udim]) * np.float32(1.0 / settings.depth)
+    lines += np.float32(1.0)
+    grain = codes * np.float32(grain_amplitude(settings))
+    shown: Relief = grain * np.clip(lines, 0.25, 1.0, out=lines)
+    return shown
+
+
+def _codes(
+    device: Device, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings, udim: int
+) -> NDArray[np.int8]:
+    """(R, R) the codes of the grain."""
+    side = settings.resolution
+    assert graph.node_triangle is not None
+    piece, codes = min(side, _PIECE), np.empty((side, side), np.int8)
+    with device.task_or_steps():
+        shares = relief_shares(mesh, graph, graph.node_triangle)
+        planes = GrainPlanes(device, mesh, settings, shares)
+        located = UdimTriangles(device, mesh, udim, side, settings.padding)
+        for row, column in product(range(0, side, piece), repeat=2):
+            cancellation.check()
+            made = grain_codes(device, planes, located, settings, (row, column, piece))
+            codes[row : row + piece, column : column + piece] = device.read(
+                made, (piece, piece), np.int8
+            )
+            made.release()
+        planes.release()
+        located.release()
+    return codes
+
+
+def _factors(scan: ScanRelief, udim: int, even: Relief, inside: Inside) -> FloatArray:
+    """(B, B) how many times as high as `even` grain must be for the spectrum to go on, by place.
+
+    even (R, R): grain of one height.  inside (R, R): texels of charts.
+    """
+    side = scan.ends[udim]
+    wanted, known = _wanted(scan, udim, inside)
+    if not known.any():
+        return np.zeros((1, 1))
+    finer, maps = len(even) / side, [even - seen(even, side), scan.maps[udim]]
+    if finer > _FINEST:  # blocks hold few of its longest waves
+        finer, maps = _FINEST, [resampled(map, _FINEST * side, _FINEST * side) for map in maps]
+    given, there = (_octave(map, inside, finer, known) for map in maps)
+    wanted = np.maximum(wanted * min(np.log2(finer), 1.0) - there, 0.0)
+    least = _CARRIED**2 * given[known].mean()
+    factors: FloatArray = np.sqrt(wanted / np.maximum(given, max(least, 1e-300)))
+    return np.minimum(factors, _MOST)
+
+
+def _octave(map: Relief, inside: Inside, finer: float, known: NDArray[np.bool_]) -> FloatArray:
+    """(B, B) the mean square of the octave below the shortest waves of a scan, at most, in a map
+    that has `finer` texels to one of it.  known (B, B): where it is looked for."""
+    band = max(2.0, finer), 2.0 * finer
+    squares, there = band_squares(map, _within(inside, len(map)), [band])
+    amount = resampled(there.astype(np.float32), *known.shape)
+    found = resampled(squares[0] * there, *known.shape) / np.maximum(amount, 1e-6)
+    return _smooth(found.astype(np.float64), known & (amount > 0.0))
+
+
+def _wanted(scan: ScanRelief, udim: int, inside: Inside) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """(B, B) the mean square of the octave below the shortest waves of a scan, by place, as its
+    last three octaves fall, and where that was measured."""
+    side = scan.ends[udim]
+    own = texels_of(scan.maps[udim], side)
+    octaves = [(2.0, 4.0), (4.0, 8.0), (8.0, 16.0)]
+    squares, known = band_squares(own, _within(inside, side), octaves)
+    if not known.any():
+        return squares[0], known
+    # White noise, by the share of each octave in all pairs of frequencies.
+    share = np.pi * np.array([(longest / shortest) ** 2 - 1.0 for shortest, longest in octaves])
+    share /= np.array([longest for _, longest in octaves]) ** 2
+    squares = np.maximum(squares - scan.noise**2 * share[:, None, None], 0.0)
+    finest, next, broadest = squares[:, known].mean(axis=1)
+    falls = [one / two for one, two in ((finest, next), (next, broadest)) if two > 0.0]
+    fall = np.clip(min(falls, default=0.0), _LEAST_FALL**2, _MOST_FALL**2)
+    return fall * _smooth(squares[0], known), known
+
+
+def _within(inside: Inside, side: int) -> Inside:
+    """(side, side) whether all texels under one are inside."""
+    return resampled(inside.astype(np.float32), side, side) > _WHOLE
+
+
+def _smooth(values: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
+    """The mean of those around that are known, and of the nearest where none is."""
+    count = scipy.ndimage.uniform_filter(known.astype(np.float64), 3, mode="constant")
+    total = scipy.ndimage.uniform_filter(np.where(known, values, 0.0), 3, mode="constant")
+    found = total / np.maximum(count, 1e-9)
+    near = scipy.ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    filled: FloatArray = found[tuple(near)]
+    return filled
+
+
+def _at_nodes(graph: WrinkleGraph, factors: dict[int, FloatArray]) -> NDArray[np.float32]:
+    """(N,) factors at the nodes of a graph; 0 in other UDIMs."""
+    found = np.zeros(graph.pores, np.float32)
+    of = udims_at(graph.node_uv.astype(np.float64))
+    for udim, map in factors.items():
+        here = of == udim
+        local = graph.node_uv[here].astype(np.float64) - udim_origin(udim)
+        found[here] = bilinear(map.astype(np.float32), local)
+    return np.clip(found, 0.0, _MOST)
