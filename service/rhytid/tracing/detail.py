@@ -33,7 +33,7 @@ from rhytid.tracing.trace import Relief, Trace, traced_settings
 FloatArray = NDArray[np.float64]
 Inside = NDArray[np.bool_]
 # The longest wave of the grain, in texels of the scan, which see what of its noise is longer.
-_LONGEST = 1.5
+_LONGEST = 2.0
 # The most times as high as in the settings that grain is: its codes end at three deviations.
 _MOST = 2.6
 # How much lower waves are than those twice as long, at least and at most: of grown skin 0.3 to 1.3,

@@ -53,7 +53,7 @@ from rhytid.tracing.ridges import (
 )
 
 Relief = NDArray[np.float32]
-# Grain of a scan with detail, depths, times what its graph says: the mean over the face is below.
+# Grain of a scan with detail, in depths, times what its graph says: about half of it and more.
 DETAIL_GRAIN = 0.25
 # The least curvature of a line times the square of its scale, in depths.
 _FAINTEST = 0.015
