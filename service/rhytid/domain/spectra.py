@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 Map = NDArray[np.floating[Any]] | NDArray[np.unsignedinteger[Any]]
@@ -75,14 +74,14 @@ def shortest_wave(map: Map, inside: Inside) -> float | None:
 
 def _waves(side: int) -> FloatArray:
     """(side, side) waves to a block of each term of its transform."""
-    along = scipy.fft.fftfreq(side, 1.0 / side)
+    along = np.fft.fftfreq(side, 1.0 / side)
     found: FloatArray = np.hypot(along[:, None], along)
     return found
 
 
 def _rows(map: Map, inside: Inside, side: int) -> Iterator[tuple[NDArray[np.bool_], FloatArray]]:
     """Of each row of blocks which of them lie inside, and (K, side, side) the squares of these."""
-    window = scipy.signal.windows.hann(side, sym=False)
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(side) / side)
     weight = window[:, None] * window
     scale = side**-4.0 / np.mean(weight**2)
     columns = map.shape[1] // side
@@ -91,4 +90,4 @@ def _rows(map: Map, inside: Inside, side: int) -> Iterator[tuple[NDArray[np.bool
         whole = np.all(inside[part].reshape(side, columns, side), axis=(0, 2))
         blocks = np.swapaxes(map[part].reshape(side, columns, side), 0, 1)[whole].astype(np.float64)
         blocks -= blocks.mean(axis=(1, 2), keepdims=True)
-        yield whole, np.abs(scipy.fft.fft2(blocks * weight)) ** 2 * scale
+        yield whole, np.abs(np.fft.fft2(blocks * weight)) ** 2 * scale

@@ -45,15 +45,10 @@ _CARRIED = 0.3
 _FINEST = 4
 # The share of a texel that lies inside of charts where all of it does, but for rounding.
 _WHOLE = 0.9999
-# Texels of a side that grain is drawn of at once; columns by which a narrow matrix is found.
-_PIECE, _COLUMNS = 1024, 12
-# How much lower waves are than those twice as long, at least and at most: of grown skin 0.5 to 1.3,
-# of a scan 0.6 to 0.8. Noise of codes has 1.4, and is not gone on with.
-_LEAST_FALL, _MOST_FALL = 0.35, 0.75
-# A place where grain is lower than this share of the usual has too coarse texels for it.
-_CARRIED = 0.3
-# Texels of a side that grain is drawn of at once; columns by which a narrow matrix is found.
-_PIECE, _COLUMNS = 1024, 12
+# Texels of a side that grain is drawn of at once; how far texels reach that are made larger, and
+# columns by which that is found.
+_PIECE, _NEAR, _COLUMNS = 1024, 5, 12
+_PIECE, _NEAR, _COLUMNS = 1024, 5, 12
 
 
 def with_detail(
@@ -103,14 +98,16 @@ def texels_of(map: Relief, side: int) -> Relief:
     at = np.arange(side)
     combs = (at[:, None] % _COLUMNS == np.arange(_COLUMNS)).astype(np.float32)
     back = resampled(resampled(combs, size, _COLUMNS), side, _COLUMNS)
-    near = _COLUMNS // 2 - 1
-    narrow = np.zeros((2 * near + 1, side))
-    for offset in range(-near, near + 1):  # row at + offset of column at
-        rows = np.clip(at + offset, 0, side - 1)
-        there = (at + offset >= 0) & (at + offset < side)
-        narrow[near + offset] = np.where(there, back[rows, at % _COLUMNS], 0.0)
+    row, offset = (one.ravel() for one in np.mgrid[:side, -_NEAR : _NEAR + 1])
+    column = row + offset
+    there = (column >= 0) & (column < side)
+    row, column = row[there], column[there]
+    values = back[row, column % _COLUMNS].astype(np.float64)
+    solved = scipy.sparse.linalg.splu(
+        scipy.sparse.csc_matrix((values, (row, column)), (side, side))
+    )
     for _ in range(2):
-        means = scipy.linalg.solve_banded((near, near), narrow, means).T
+        means = solved.solve(means).T
     return means.astype(np.float32)
 
 
