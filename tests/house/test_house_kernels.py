@@ -23,6 +23,9 @@ SMALL = (
     "ITEMS=1",
     "SCALE_LIMIT=4.0f",
     "CODE=char",
+    "STRETCHES=3",
+    "TILTED=1",
+    "BULGING=0",
     "AHEAD=1",
     "CODE_BITS=8",
     "CODE_LIMIT=127",
@@ -49,6 +52,9 @@ LARGE = (
     "ITEMS=64",
     "SCALE_LIMIT=4.0f",
     "CODE=short",
+    "STRETCHES=1",
+    "TILTED=1",
+    "BULGING=1",
     "CODE_BITS=16",
     "CODE_LIMIT=32767",
     "MAPS=250",
@@ -64,7 +70,7 @@ TILTED = ("TILT=1", "TILT_NODE=0.6f")
 MELLOW = (*LARGE_LAYERS, *TILTED, "PARTS=2", "MERGE=MELLOW", "BENT=1", "SOFT_LIMITS=1", "SHARED=1")
 SOFT = (*LARGE_LAYERS, *TILTED, "PARTS=1", "MERGE=SOFT", "WAVY=1", "BENT=1", "SKEWED=1")
 WAVY = (*SMALL_LAYERS, "WAVY=1", "SOFT_LIMITS=1", "SKEWED=1")
-SKEWED = (*SMALL_LAYERS, "SKEWED=1")
+SKEWED = (*SMALL_LAYERS, "SKEWED=1", "BENT=1", "SHARED=1")
 # Of a layer with an apron around its blocks.
 COARSE = ("APRON=2", "COARSE_BLOCK=60", "LEAST_HALF_WIDTH=1.25f", "WIDENED=1.5f")
 RANGES = {

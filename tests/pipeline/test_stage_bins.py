@@ -137,13 +137,15 @@ def test_small_maps_share_a_step_and_large_ones_have_their_own(device, monkeypat
     elements = scene.elements(1001)
     maker = BinMaker(device, elements, scene.located, scene.settings)
     work, found = elements.work.of(64, 128, TILE), []
-    for share in (1000, 64, 16):
+    samples = scene.settings.bins.samples  # which are drawn at once
+    for share in (1000, 16 * 2 * samples, 16):
         steps.clear()
         elements.bins_pace.per_second = share * work / PIECE_SECONDS
         made = stored_maps(device, maker.tile(64, 128, TILE), scene.settings.bins)
         found.append((made, [round(step / work) for step in steps]))
     count, shared = len(found[0][0]), [shared for _, shared in found]
-    assert shared == [[count], [4] * (count // 4) + [count % 4], [1] * count]
+    pairs, single = divmod(count, 2 * samples)
+    assert shared == [[count], [2 * samples] * pairs + [single], [samples] * (count // samples)]
     assert all(np.array_equal(made, found[0][0]) for made, _ in found)
 
 

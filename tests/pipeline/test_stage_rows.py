@@ -9,18 +9,33 @@ import pytest
 
 import rhytid_kernels
 from meshes import deform
-from pipeline.binned import BinnedScene
-from pipeline.scenes import Scene, random_graph, settings_of, sheet
+from pipeline.binned import BinnedScene, stored_maps
+from pipeline.scenes import Scene, ellipses, random_graph, settings_of, sheet
+from pipeline.test_stage_bends import bent, shared
 from rhytid.device.driver import cl
 from rhytid.device.launches import launch_shapes
 from rhytid.device.programs import BUILD_OPTIONS
 from rhytid.device.runtime import Device
 from rhytid.errors import DeviceError
+from rhytid.pipeline.cushion import SAMPLES
 from rhytid.pipeline.work import BLOCK
 
 pytestmark = pytest.mark.release
 
 PROMISED = 32 << 10
+
+
+def of_all_kinds(count=500):
+    """Lines that bend and have shares, a third of them with a metric of their own."""
+    graph = shared(bent(random_graph(41, count, (0.004, 0.02), (0.05, 0.4)), steepest=0.25))
+    metric = ellipses(np.random.default_rng(3), graph.edge_half_width)
+    metric[: count // 3 * 2] = 0.0
+    return replace(graph, edge_metric=metric)
+
+
+OF_ALL_KINDS = of_all_kinds()
+# What the host defines where a work-group draws one map of bins.
+ONE_MAP = {"CODE": "char", "CODE_LIMIT": 127, "STRETCHES": 1, "TILTED": 0, "BULGING": 1, "PARTS": 1}
 
 
 @pytest.fixture
@@ -49,6 +64,28 @@ def test_every_shape_gives_the_same_bits(device, kind):
         np.testing.assert_array_equal(found[1], codes, str(shape))
 
 
+@pytest.mark.parametrize(("merge", "bulge"), [("soft", 1.0), ("mellow", 2.5)])
+def test_maps_drawn_at_once_are_those_drawn_alone(device, monkeypatch, merge, bulge):
+    bulges = {"wrinkle_bulge": bulge, "pore_bulge": bulge, "least_half_width": 0.7}
+    settings = settings_of(
+        shape={"cushion": 0.7, "curvature": 1.0, "taper": 1.0, **bulges},
+        response={"ends": 1.0, "soft_limits": True},
+        bins={"merge": merge, "depth_factored": True, "tilt": True, "pore_samples": 5},
+    )
+
+    def maps(most):
+        monkeypatch.setattr(Device, "maps_at_once", lambda *_: most)
+        tile = BinnedScene(device, sheet(), OF_ALL_KINDS, settings).tile
+        cushion = [tile.cushion.read(device, index, 8) for index in range(SAMPLES + 1)]
+        return [*stored_maps(device, tile, settings.bins), *cushion]
+
+    alone = maps(1)
+    assert min(np.count_nonzero(codes) for codes in alone) > 50
+    for most in (2, 3, 99):
+        for found, wanted in zip(maps(most), alone, strict=True):
+            np.testing.assert_array_equal(found, wanted)
+
+
 def test_blocks_are_drawn_whole_where_they_fit(device, small):
     whole = Device(replace(device.info, local_memory=PROMISED * 2), device.budget.limit)
     assert (whole.shape.rows, small.shape.rows) == (BLOCK, BLOCK // 2)
@@ -63,7 +100,7 @@ def test_a_kernel_that_needs_more_is_refused_with_both_numbers(device):
 @pytest.mark.parametrize("program", ["redraw", "bins"])
 @pytest.mark.parametrize("lanes", [1, 32])
 def test_half_blocks_fit_into_what_is_promised(small, program, lanes):
-    defines = {"BLOCK": BLOCK, "ROWS": small.shape.rows, "ITEMS": lanes}
+    defines = {"BLOCK": BLOCK, "ROWS": small.shape.rows, "ITEMS": lanes, **ONE_MAP}
     options = [*BUILD_OPTIONS, *(f"-D{k}={v}" for k, v in defines.items())]
     built = small.programs.build(rhytid_kernels.source(program), options)
     asked = cl.kernel_work_group_info.LOCAL_MEM_SIZE

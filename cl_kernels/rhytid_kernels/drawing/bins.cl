@@ -1,59 +1,108 @@
-// Draws one precomputed map of the fast method (section 2.4): the wrinkles of one orientation bin,
-// or the pores, all at one stretch. Blocks and sums as in redraw.cl.
-#include "line.clh"
-#include "shared_sizes.clh"
-
-// What a map becomes: displacement in mesh units, row by row, or where CODE is defined codes, per_step
-// of them for a mesh unit. map: as code_place has it.
-#ifdef CODE
+// Draws precomputed maps of the fast method (section 2.4): the wrinkles of one orientation bin, or the
+// pores, at STRETCHES of the samples at once, as codes; TILTED: and the tilt of the bin. Blocks and sums
+// as in redraw.cl; each map has sums of its own. Without BULGING no profile changes sign, and there are
+// no bulges. PARTS: 1, valleys and bulges in one map, or 2, a map of each, for the mellow-max.
+// Error of a code at most half a step beyond that of draw.clh.
+#define SLOTS (STRETCHES + 2 * TILTED)
+#define APART (BULGING ? 2 * SUMS : SUMS)
+#define WHOLE (BULGING ? BOTH_PARTS : VALLEYS)
 #include "codes.clh"
+#include "line.clh"
+#include "stretches.clh"
+#include "tilt.clh"
 #include "vectors.clh"
-#define OUT float per_step, int2 map, __global CODE *codes
-#define WRITE(sums, place, shape, depth, part)                                                     \
-    write_codes(sums, place, shape, depth * per_step, part, map, codes)
 
-inline void write_codes(sums_t sums, place_t place, shape_t shape, float scale, int part, int2 map,
+inline sums_t sums_of_slots(place_t place, __local float *memory)
+{
+    sums_t sums = {memory, memory + APART - SUMS, get_local_id(0), place.low};
+    for (int k = 0; k < SLOTS; k++)
+        clear_sums(slot_of(sums, k));
+    return sums;
+}
+
+// Where the maps of a layer are among those of all: the first that is written, how many there are, how far
+// bulges are behind valleys, the tilt.
+typedef struct {
+    int first, all, behind, tilt;
+} maps_t;
+
+// Eight texels from x on of row y of the block; i: the first of them in what is drawn.
+inline void write_eight(sums_t sums, int x, int y, int i, shape_t shape, float depth,
+                        __global const float8 *stretches, float share, maps_t maps,
                         __global CODE *codes)
 {
-    for (int y = first_owned(sums, sums.low); y < sums.low + ROWS; y += ITEMS)
-        for (int x = 0; x < BLOCK; x += LANES) {
-            size_t at = code_place(place.at + y * place.above + x, map);
-            vstore8(CODES8(heights_at(sums, x, y, shape, part), scale), 0, codes + at);
+    for (int k = 0; k < STRETCHES; k++)
+        for (int part = 0; part < PARTS; part++) {
+            float8 heights =
+                heights_at(slot_of(sums, k), x, y, shape, PARTS == 2 ? VALLEYS + part : WHOLE);
+            int2 map = {maps.first + part * maps.behind + k, maps.all};
+            vstore8(CODES8(heights, depth * stretches[k].z), 0, codes + code_place(i, map));
         }
+    if (TILTED) {
+        float8 up = depth * heights_at(slot_of(sums, STRETCHES), x, y, shape, WHOLE);
+        float8 down = depth * heights_at(slot_of(sums, STRETCHES + 1), x, y, shape, WHOLE);
+        vstore8(CODES8(tilts_of(up, down, share), CODE_LIMIT), 0,
+                codes + code_place(i, (int2)(maps.tilt, maps.all)));
+    }
 }
+
+inline void write_maps(sums_t sums, place_t place, shape_t shape, float depth,
+                       __global const float8 *stretches, float share, int4 maps,
+                       __global CODE *codes)
+{
+    const maps_t where = {maps.x, maps.y, maps.z, maps.w};
+    for (int y = first_owned(sums, sums.low); y < sums.low + ROWS; y += ITEMS)
+        for (int x = 0; x < BLOCK; x += LANES)
+            write_eight(sums, x, y, place.at + y * place.above + x, shape, depth, stretches, share,
+                        where, codes);
+}
+
+#define LEAN_OF(i) (TILTED ? leaning(segments[i].zw, tilt.xyz) : 0.0f)
+#if BENT && defined(WIDE)
+#define DRAW_BIN(sums, shape, members, first, end, corner, least)                                  \
+    DRAW_SIXTEENS(sums, shape, members, first, end, bins[i] == bin, sizes[i],                      \
+                  KEEP_SHARE; lines.lean[count] = LEAN_OF(i), from_corner(lanes, corner),          \
+                  stretched_lanes(lanes, stretches[k]), least,                                     \
+                  LINE_AT(i, STRETCHED_SIZE(i, stretches[k], LEAN_OF(i)), corner, least))
 #else
-#define OUT __global float *out
-#define WRITE(sums, place, shape, depth, part) write_rows(sums, place, shape, depth, part, out)
+#define DRAW_BIN(sums, shape, members, first, end, corner, least)                                  \
+    for (int k = 0; k < SLOTS; k++)                                                                \
+        DRAW_EACH_LINE(slot_of(sums, k), shape, members, first, end, bins[i] == bin,               \
+                       LINE_AT(i, STRETCHED_SIZE(i, stretches[k], LEAN_OF(i)), corner, least))
 #endif
 
-// scale: (sigma_w, sigma_d) of the sample, Alg. 1 lines 7 and 8 with its log stretch, the same at both
-// ends. part: valleys and bulges together, or one of them for maps that are merged by the mellow-max.
-// least: as in redraw.cl.
-__kernel void draw_wrinkle_bin(LINES, SHARES __global const uchar *bins, int bin, float2 scale, int part,
-                               __global const int *offsets, __global const int *members, float4 shape_values, float least,
-                               float depth, int blocks, int row, int column, OUT)
+// stretches: (sigma_w, sigma_d) of the samples, Alg. 1 lines 7 and 8 with their log stretch, the same at
+// both ends, see stretches.clh; behind those of the samples the two of the tilt. tilt: (theta, share over
+// half a bin, share). maps: see maps_t. least: as in redraw.cl.
+__kernel void draw_wrinkle_bin(LINES, SHARES_OF_LINES __global const float8 *stretches,
+                               __global const uchar *bins, int bin, float4 tilt,
+                               __global const int *offsets, __global const int *members,
+                               float4 shape_values, float least, float depth, int blocks, int row,
+                               int column, int4 maps, __global CODE *codes)
 {
-    __local float memory[2 * SUMS];
+    __local float memory[SLOTS * APART];
     shape_t shape = shape_of(shape_values);
     place_t place = place_of_group(blocks, row, column);
-    sums_t sums = sums_at(place, memory);
+    sums_t sums = sums_of_slots(place, memory);
     int block = place.block;
-    DRAW_LINES(sums, shape, members, offsets[block], offsets[block + 1], bins[i] == bin,
-               SIZES_OF(i) * SCALES(scale), place.corner, least);
-    WRITE(sums, place, shape, depth, part);
+    DRAW_BIN(sums, shape, members, offsets[block], offsets[block + 1], place.corner, least);
+    write_maps(sums, place, shape, depth, stretches, tilt.w, maps, codes);
 }
 
+// stretches: as above, without tilts.
 __kernel void draw_pore_layer(__global const float2 *centres, __global const float4 *roots,
-                              float2 scale, int part, __global const int *offsets,
+                              __global const float8 *stretches, __global const int *offsets,
                               __global const int *members, float4 shape_values, float least,
-                              float depth, int blocks, int row, int column, OUT)
+                              float depth, int blocks, int row, int column, int4 maps,
+                              __global CODE *codes)
 {
-    __local float memory[2 * SUMS];
+    __local float memory[SLOTS * APART];
     shape_t shape = shape_of(shape_values);
     place_t place = place_of_group(blocks, row, column);
-    sums_t sums = sums_at(place, memory);
+    sums_t sums = sums_of_slots(place, memory);
     int block = place.block;
-    DRAW_PORES(sums, shape, members, offsets[block], offsets[block + 1],
-               scaled_pore(roots[i], scale, least), centres[i] - place.corner);
-    WRITE(sums, place, shape, depth, part);
+    for (int k = 0; k < STRETCHES; k++)
+        DRAW_PORES(slot_of(sums, k), shape, members, offsets[block], offsets[block + 1],
+                   scaled_pore(roots[i], stretches[k].xy, least), centres[i] - place.corner);
+    write_maps(sums, place, shape, depth, stretches, 0.0f, maps, codes);
 }

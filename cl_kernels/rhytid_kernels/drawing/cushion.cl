@@ -1,17 +1,6 @@
 // The wrinkles a second time, broad and soft, for the cushions between furrows: a coarse map, which
 // spline.clh brings up. Within 1e-4 of `depth` of the same in double.
 #include "coarse.clh"
-#include "shared_sizes.clh"
-
-// Only valleys: a line without a bulge raises nothing. memory: SUMS.
-inline sums_t valleys_at(part_t part, __local float *memory)
-{
-    sums_t sums = {memory, memory, get_local_id(0), part.low};
-    for (int y = first_owned(sums, sums.low); y < sums.low + SUMS / STRIDE; y += ITEMS)
-        for (int x = 0; x < STRIDE; x += 4)
-            vstore4((float4)(0.0f), 0, memory + at_texel(sums, x, y));
-    return sums;
-}
 
 // out: displacement, mesh units.
 inline void write_part(sums_t sums, part_t part, square_t square, shape_t shape, float depth,
@@ -50,12 +39,4 @@ __kernel void cushion(LINES, __global const SIZES *scales, __global const int *o
                       __global float *out)
 {
     DRAW_PART(sizes[i] * scales[i]);
-}
-
-// All at one stretch, at the same scale at both ends: a precomputed map.
-__kernel void cushion_map(LINES, SHARES float2 scale, __global const int *offsets,
-                          __global const int *members, float4 shape_values, float depth, int4 place,
-                          __global float *out)
-{
-    DRAW_PART(SIZES_OF(i) * SCALES(scale));
 }

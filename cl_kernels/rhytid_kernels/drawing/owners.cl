@@ -2,8 +2,10 @@
 // one whose weight times (1 - t²)^4 is largest, the first of equals; and where along it that is. The
 // profile is narrower than that of the layer, (1 - t²)²: skin that is pressed together, where the layer
 // is deepest, has narrower lines.
+#include "codes.clh"
 #include "coarse.clh"
 #include "shared_sizes.clh"
+#include "vectors.clh"
 
 // What a sample without an owner has; below it a line has none: there the layer is flat within 4e-4 of
 // `depth`.
@@ -27,7 +29,7 @@
 inline void compete(__local float *scores, __local int *owners, near_t near, int line)
 {
     REALS inside = 1.0f - min(near.t2, (REALS)(1.0f)), square = inside * inside;
-    REALS score = near.exponent * square * square, best = (REALS)LOADED(scores);
+    REALS score = near.there * square * square, best = (REALS)LOADED(scores);
     WHOLES better = score > best;
     STORED(select(best, score, better), scores);
     STORED(select((WHOLES)LOADED(owners), (WHOLES)(line), better), owners);
@@ -52,12 +54,14 @@ inline void draw_owner(sums_t sums, __local int *owners, ready_t l, int line)
         }
 }
 
-// LINES: as in cushion.cl, where nothing is stretched, with weights of one stretch. owners: of each
-// sample, `none` where it has none. places: from 0 to 1 along the owner; 0 of a line without bends,
-// which answers alike from end to end. Error of places below 1e-4.
+// LINES: as in cushion.cl, where nothing is stretched, with weights of one stretch. target: as in
+// cushion_maps.cl. owners: of each sample, `none` where it has none. map, codes: as code_place has them,
+// of the place along the owner, from 0 to the limit; 0 of a line without bends, which answers alike from
+// end to end. Error below 1e-4 of a line before it is rounded.
 __kernel void cushion_owners(LINES, SHARES int none, __global const int *offsets,
                              __global const int *members, float4 shape_values, float depth,
-                             int4 place, __global int *owners, __global float *places)
+                             int4 place, int2 target, __global int *owners, int2 map,
+                             __global CODE *codes)
 {
     __local float memory[SUMS];
     __local int best[SUMS];
@@ -72,18 +76,20 @@ __kernel void cushion_owners(LINES, SHARES int none, __global const int *offsets
                    members[k]);
     for (int y = first_owned(sums, sums.low); y < sums.low + ROWS; y += ITEMS) {
         span_t columns = columns_of_row(part, square, y);
-        int row = part.row + BLOCK - 1 - y;
+        int first = target.x + (part.row + BLOCK - 1 - y) * target.y + part.column;
         for (int x = columns.low; x < columns.high; x++) {
-            int i = best[at_texel(sums, x, y)], to = row * square.side + part.column + x;
-            owners[to] = i;
-            places[to] = 0.0f;
+            int i = best[at_texel(sums, x, y)];
+            float along = 0.0f;
 #if BENT
             if (i != none) {
                 ready_t l = ready_line(sums, COARSE_LINE(part, i, SIZES_OF(i)), shape);
-                REALS s = place_on(l, (REALS)(x + 0.5f - l.start.x), (REALS)(y + 0.5f - l.start.y));
-                places[to] = s.s0;
+                near_t near = foot_on(l, (REALS)(x + 0.5f - l.start.x), (REALS)(y + 0.5f - l.start.y));
+                along = near.there.s0;
             }
 #endif
+            owners[first + x] = i;
+            codes[code_place(first + x, map)] =
+                nearest_codes8((float8)(along * CODE_LIMIT), CODE_LIMIT).s0;
         }
     }
 }

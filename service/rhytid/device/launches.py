@@ -13,7 +13,7 @@ from rhytid.errors import DeviceError
 
 # Rows of a block of 64² texels that a work-group may draw. Sums take most where the block is of
 # cushions, with 4 texels of others: 2 · 76 floats per row, of three rows more than are drawn.
-_ROWS, _MORE_ROWS = (64, 32, 16), 3
+_ROWS, _MORE_ROWS, _MORE_COLUMNS = (64, 32, 16), 3, 8
 _BLOCK, _OTHERS = 64, 4
 _ROW_BYTES = 2 * 76 * 4
 # On a processor a work-group is a loop on one core: long ones cost less, until at the end of a tile
@@ -53,6 +53,18 @@ def launch_shapes(kind: str, local_memory: int, largest_group: int) -> list[Laun
         LaunchShape(rows, min(rows // share, most), vectors) for share in (1, 2) for rows in fitting
     ]
     return list(dict.fromkeys(shapes))
+
+
+def sums_of_map(block: int, rows: int) -> int:
+    """Floats of the sums of one map that a work-group has, SUMS of block.clh, where it draws so
+    many rows of blocks of `block`² texels."""
+    return (rows + _MORE_ROWS) * (block + _MORE_COLUMNS)
+
+
+def maps_at_once(shape: LaunchShape, local_memory: int, sums: int) -> int:
+    """How many maps with so many floats of sums each a work-group draws at once: as many as it has
+    memory for; one where its work-items share the rows, as on a GPU."""
+    return max((local_memory - _LEFT) // (4 * sums), 1) if shape.lanes == 1 else 1
 
 
 def _local_bytes(rows: int) -> int:

@@ -24,6 +24,7 @@ from rhytid.device.launches import (
     LaunchPiece,
     launch_pieces,
     launch_shapes,
+    maps_at_once,
 )
 from rhytid.device.memory import usual_device_memory
 from rhytid.device.programs import NO_DEFINES, Programs
@@ -120,6 +121,10 @@ class Device:
             self.context = driver.open_context(candidate.handle)
             self._queue = cl.CommandQueue(self.context)
         self.programs = Programs(self.context, candidate)
+
+    def maps_at_once(self, sums: int) -> int:
+        """How many maps a work-group draws at once: `maps_at_once` of launches.py."""
+        return maps_at_once(self.shape, self.info.local_memory, sums)
 
     @property
     def steps(self) -> Steps | None:

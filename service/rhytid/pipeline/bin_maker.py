@@ -1,23 +1,19 @@
-"""Draws the precomputed maps of the fast method, tile by tile (section 2.4). Kernels: bins.cl,
-tilt.cl.
+"""Draws the precomputed maps of the fast method, tile by tile (section 2.4). Kernel: bins.cl.
 
 There are maps of level 0 only: means of maps, blended, are flatter than the mean of the blend.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import count as counter
-from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer, BufferGroup
-from rhytid.device.programs import NO_DEFINES
+from rhytid.device.launches import sums_of_map
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.painted_maps import Stiffness
@@ -28,7 +24,6 @@ from rhytid.pipeline.bins import (
     depth_limits,
     directions,
     drawn_depth_exponents,
-    map_argument,
     map_count,
     parts,
     quantisation_steps,
@@ -37,7 +32,7 @@ from rhytid.pipeline.bins import (
     tilt_width,
 )
 from rhytid.pipeline.cushion import CushionMaker, CushionTile
-from rhytid.pipeline.elements import UdimElements
+from rhytid.pipeline.elements import DrawnStretch, UdimElements
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.redraw import launch_blocks
 from rhytid.pipeline.stiffness import stiffness_of_texels
@@ -47,8 +42,32 @@ from rhytid.pipeline.work import BLOCK, Square, timed
 # Of the work that a step may have, what maps share that run in one step: about 3 ms.
 _STEP_SHARE = 1 / 16
 
-# Runs the kernel of a map over a square of level 0: (square, into).
-_Launch = Callable[..., None]
+_Launch = Callable[[], None]
+# Drawings of a bin that its tilt is made of.
+_TILT_SLOTS = 2
+
+
+@dataclass(frozen=True)
+class _Run:
+    """What one launch draws: some samples of a layer, and the tilt of the bin where it is `tilted`.
+
+    share: a work-group draws the rows of a block over this.
+    """
+
+    layer: int
+    samples: range
+    tilted: bool
+    share: int = 1
+
+    @property
+    def slots(self) -> int:
+        """Drawings that have sums of their own."""
+        return len(self.samples) + _TILT_SLOTS * self.tilted
+
+    @property
+    def maps(self) -> int:
+        """Maps that are made."""
+        return len(self.samples) + self.tilted
 
 
 @dataclass(frozen=True)
@@ -99,12 +118,16 @@ class BinMaker:
         self._per_step = 1.0 / np.maximum(steps, 1e-30)
         bins = settings.bins
         self._code_defines = {"CODE": CODES[bins.bits], "CODE_LIMIT": code_limit(bins.bits)}
+        self._runs = [run for layer in range(bins.count + 1) for run in self._runs_of(layer)]
 
     def tile(self, row: int, column: int, texels: int) -> BinTile:
         """The tile of `texels`² texels from (row, column) on, with all layers and samples."""
         square = (row, column, texels)
         least = BLOCK if self._elements.cushion is None else BLOCK * self._elements.cushion.factor
-        pieces = self._elements.work.cut(square, self._elements.bins_pace.most, texels, least)
+        maps = max(run.maps for run in self._runs)
+        pieces = self._elements.work.cut(
+            square, self._elements.bins_pace.most / maps, texels, least
+        )
         if len(pieces) == 1:
             return self._tile(square, self._codes(square))
         bins = self._settings.bins
@@ -119,29 +142,53 @@ class BinMaker:
         return self._tile(square, codes)
 
     def _codes(self, square: Square) -> Buffer:
-        """The codes of every map of a square, drawn map by map."""
-        bins, texels = self._settings.bins, square[2] ** 2
-        codes = self._device.empty(map_count(bins) * texels, f"i{bins.bits // 8}")
-        maps = (map_argument(index, map_count(bins)) for index in counter())
-        launches = []
-        for layer, samples in enumerate(bins.layer_samples):
-            for part, sample in product(parts(bins), range(samples)):
-                coded = (self._per_step[layer, sample], next(maps), codes)
-                launches.append(partial(self._map(layer, part, sample), square, coded))
-            if bins.tilt and layer < bins.count:
-                launches.append(partial(self._tilt(layer), square, (next(maps), codes)))
-        self._in_steps(launches, self._elements.work.of(*square))
+        """The codes of every map of a square, as many maps at once as a work-group has memory
+        for."""
+        bins = self._settings.bins
+        codes = self._device.empty(map_count(bins) * square[2] ** 2, f"i{bins.bits // 8}")
+        stretches = [self._stretches(run) for run in self._runs]
+        drawn = [
+            (run.maps, partial(self._launch, run, given, square, codes))
+            for run, given in zip(self._runs, stretches, strict=True)
+        ]
+        self._in_steps(drawn, self._elements.work.of(*square))
+        for given in stretches:
+            given[-1].release()
         return codes
 
-    def _in_steps(self, launches: Sequence[Callable[[], None]], work: float) -> None:
-        """Run launches of so much work each, and wait for them. Others use the device between
-        steps; a step costs a processor half a millisecond, and has several small launches."""
-        pace, done = self._elements.bins_pace, 0
-        while done < len(launches):
-            count = max(1, min(int(_STEP_SHARE * pace.most / max(work, 1.0)), len(launches) - done))
-            step = launches[done : done + count]
-            timed(self._device, pace, count * work, partial(_each, step))
-            done += count
+    def _runs_of(self, layer: int) -> list[_Run]:
+        """Which maps of a layer are drawn at once: all; or its tilt apart from the samples, and
+        these in as many runs as it takes."""
+        bins, device = self._settings.bins, self._device
+        samples, tilted = bins.layer_samples[layer], bins.tilt and layer < bins.count
+        rows = min(device.shape.rows, BLOCK)
+        at_once = device.maps_at_once(sums_of_map(BLOCK, rows) * (1 + self._bulging(layer)))
+        whole = _Run(layer, range(samples), tilted)
+        if whole.slots <= at_once:
+            return [whole]
+        most = range(samples)
+        runs = [_Run(layer, most[at : at + at_once], False) for at in most[::at_once]]
+        share = 2 if self._bulging(layer) and at_once < _TILT_SLOTS else 1
+        return [*runs, _Run(layer, range(0), True, share)] if tilted else runs
+
+    def _bulging(self, layer: int) -> bool:
+        """Whether elements of a layer have bulges, or maps for them."""
+        shape, bins = self._settings.shape, self._settings.bins
+        bulge = shape.wrinkle_bulge if layer < bins.count else shape.pore_bulge
+        return bulge > 1.0 or len(parts(bins)) > 1
+
+    def _in_steps(self, drawn: Sequence[tuple[int, _Launch]], work: float) -> None:
+        """Run launches, each of so many maps of so much work, and wait for them. Others use the
+        device between steps; a step costs a processor half a millisecond, and has several small
+        launches."""
+        pace, maps = self._elements.bins_pace, 0
+        waiting: list[_Launch] = []
+        for count, launch in drawn:
+            if waiting and (maps + count) * work > _STEP_SHARE * pace.most:
+                timed(self._device, pace, maps * work, partial(_each, waiting))
+                waiting, maps = [], 0
+            waiting, maps = [*waiting, launch], maps + count
+        timed(self._device, pace, maps * work, partial(_each, waiting))
 
     def _tile(self, square: Square, codes: Buffer) -> BinTile:
         """The tile of codes, with the triangles and the stiffness of its texels."""
@@ -161,72 +208,61 @@ class BinMaker:
             return None
         return CushionMaker(self._device, self._elements, self._settings).tile(square)
 
-    def _tilt(self, index: int) -> _Launch:
-        """Of the angle at which wrinkles run within their bin, drawn at the largest width that they
-        have."""
-        bins, bulging = self._settings.bins, self._settings.shape.wrinkle_bulge > 1.0
-        theta, per_radian = directions(bins.count)[index], TILT_SHARE * 2 * bins.count / np.pi
-        tilt = np.array([*theta, per_radian, TILT_SHARE], np.float32)
-        return self._launching(
-            "tilt", "draw_tilts",
-            *self._of_bin(index, _float2(tilt_width(self._settings), 1.0), 0.0), tilt,
-            *self._lists, defines={"BULGING": int(bulging)}, maps=2 if bulging else 1,
-        )  # fmt: skip
+    def _stretches(self, run: _Run) -> tuple[Buffer, ...]:
+        """The stretches at which a run draws, as `UdimElements.stretches` has them."""
+        settings, layer = self._settings, run.layer
+        drawn = [self._stretch(layer, sample) for sample in run.samples]
+        if run.tilted:
+            width = tilt_width(settings)
+            drawn += [DrawnStretch(0.0, width, 1.0, lean=lean) for lean in (1.0, -1.0)]
+        return self._elements.stretches(self._device, settings.response, drawn)
 
-    def _map(self, layer: int, part: int, sample: int) -> _Launch:
+    def _stretch(self, layer: int, sample: int) -> DrawnStretch:
         settings, response = self._settings, self._settings.response
         r = float(sample_stretches(settings, layer)[sample])
         exponent, most = drawn_depth_exponents(settings)[layer], depth_limits(settings)[layer]
-        depth = scale(response, r, -exponent, most)
-        if layer == settings.bins.count:
-            return self._pores(_float2(scale(response, r, response.beta_w), depth), part)
-        scales = _float2(scale(response, r, response.alpha_w), depth)
-        return self._launching(
-            "bins", "draw_wrinkle_bin",
-            *self._of_bin(layer, scales, r), np.int32(part), *self._lists,
+        widening = response.beta_w if layer == settings.bins.count else response.alpha_w
+        return DrawnStretch(
+            r, scale(response, r, widening), scale(response, r, -exponent, most),
+            float(self._per_step[layer, sample]),
         )  # fmt: skip
 
-    def _of_bin(self, index: int, scales: NDArray[np.float32], r: float) -> tuple[Any, ...]:
-        """The lines of a bin as arguments.  r: log stretch that shares answer to."""
-        elements = self._elements
-        shares = elements.share_arguments(self._settings.response, r)
-        return (*elements.line_arguments, *shares, elements.bins, np.int32(index), scales)
-
-    @property
-    def _lists(self) -> tuple[Buffer, Buffer]:
-        lists = self._elements.wrinkle_lists
-        return lists.offsets, lists.members
-
-    def _pores(self, scales: NDArray[np.float32], part: int) -> _Launch:
-        elements, lists = self._elements, self._elements.pore_lists
-        return self._launching(
-            "bins", "draw_pore_layer",
-            elements.centres, elements.roots, scales, np.int32(part), lists.offsets, lists.members,
+    def _launch(
+        self, run: _Run, stretches: tuple[Buffer, ...], square: Square, codes: Buffer
+    ) -> None:
+        elements, bins = self._elements, self._settings.bins
+        if run.layer < bins.count:
+            kernel, lists = "draw_wrinkle_bin", elements.wrinkle_lists
+            given = (*elements.line_arguments, *stretches, elements.bins, np.int32(run.layer))
+            given = (*given, self._tilt(run.layer))
+        else:
+            kernel, lists = "draw_pore_layer", elements.pore_lists
+            given = (elements.centres, elements.roots, stretches[-1])
+        launch_blocks(
+            self._device, "bins", kernel, self._settings, elements, square,
+            *given, lists.offsets, lists.members, into=(self._places(run), codes),
+            defines={
+                **self._code_defines, **elements.share_defines, "STRETCHES": len(run.samples),
+                "TILTED": int(run.tilted), "BULGING": int(self._bulging(run.layer)),
+                "PARTS": len(parts(bins)),
+            },
+            maps=run.share,
         )  # fmt: skip
 
-    def _launching(
-        self,
-        program: str,
-        kernel: str,
-        *arguments: Any,
-        defines: Mapping[str, object] = NO_DEFINES,
-        maps: int = 1,
-    ) -> _Launch:
-        every = {**self._code_defines, **self._elements.share_defines, **defines}
+    def _tilt(self, layer: int) -> NDArray[np.float32]:
+        """The argument `tilt` of a bin."""
+        count = self._settings.bins.count
+        per_radian = TILT_SHARE * 2 * count / np.pi
+        return np.array([*directions(count)[layer], per_radian, TILT_SHARE], np.float32)
 
-        def launch(square: Square, into: tuple[Any, ...]) -> None:
-            launch_blocks(
-                self._device, program, kernel, self._settings, self._elements, square, *arguments,
-                into=into, defines=every, maps=maps,
-            )  # fmt: skip
-
-        return launch
+    def _places(self, run: _Run) -> NDArray[np.int32]:
+        """Where the maps of a run are among all, `maps_t` of bins.cl."""
+        bins, count = self._settings.bins, len(parts(self._settings.bins))
+        first = run.layer * (count * bins.samples + bins.tilt)
+        tilt, behind = first + count * bins.samples, bins.layer_samples[run.layer]
+        return np.array([first + run.samples.start, map_count(bins), behind, tilt], np.int32)
 
 
-def _each(launches: Sequence[Callable[[], None]]) -> None:
+def _each(launches: Sequence[_Launch]) -> None:
     for launch in launches:
         launch()
-
-
-def _float2(x: float, y: float) -> NDArray[np.float32]:
-    return np.array([x, y], np.float32)

@@ -1,5 +1,5 @@
 """Draws the broad layer of the wrinkles, coarse, for a frame or as precomputed maps. Kernels:
-cushion.cl, owners.cl, quantise.cl; spline.clh brings the layer up.
+cushion.cl, cushion_maps.cl, owners.cl; spline.clh brings the layer up.
 
 The maps have no bins. All lines are in each of them, drawn at one of SAMPLES log stretches with
 their depth, which is divided out of the codes. A frame blends each sample by the log stretch of its
@@ -9,7 +9,7 @@ owner, the line that counts most there: blend.py.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer, BufferGroup
+from rhytid.device.launches import sums_of_map
+from rhytid.device.programs import NO_DEFINES
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.pipeline.bins import (
@@ -30,7 +32,7 @@ from rhytid.pipeline.bins import (
     scale,
 )
 from rhytid.pipeline.cushion_layer import APRON, COARSE_BLOCK, LEAST_HALF_WIDTH, WIDENED
-from rhytid.pipeline.elements import UdimElements
+from rhytid.pipeline.elements import DrawnStretch, UdimElements
 from rhytid.pipeline.reach import SCALE_LIMIT
 from rhytid.pipeline.vectors import VECTOR
 from rhytid.pipeline.work import BLOCK, Square, timed
@@ -45,9 +47,7 @@ CUSHIONS, OWNERS, PLACES = "cushions", "cushion_owners", "cushion_places"
 # Log stretches that its maps are drawn at.
 SAMPLES = 7
 # The programs of the kernels.
-_PROGRAMS = {"cushion": "cushion", "cushion_map": "cushion", "cushion_owners": "owners"}
-# Draws a square into arrays.
-_Draw = Callable[[Square, tuple[Buffer, ...]], None]
+_PROGRAMS = {"cushion": "cushion", "cushion_maps": "cushion_maps", "cushion_owners": "owners"}
 # Lines of full depth that may overlap at a sample before its code saturates.
 _MEETING = 8
 
@@ -79,9 +79,10 @@ def launch_cushion(
     settings: AssetSettings,
     square: Square,
     *arguments: Any,
-    into: tuple[Buffer, ...],
+    into: tuple[Any, ...],
+    defines: Mapping[str, object] = NO_DEFINES,
 ) -> None:
-    """Run a kernel of cushion.cl or owners.cl over the coarse map around a square.
+    """Run a kernel of cushion.cl, cushion_maps.cl or owners.cl over the coarse map around a square.
 
     arguments: those that this kernel has beside the common ones.  into: of its output.
     """
@@ -89,7 +90,8 @@ def launch_cushion(
     assert cushion is not None
     factor, assets = cushion.factor, settings.resolution
     row, column, texels = (at // factor for at in square)
-    parts = max(COARSE_BLOCK // device.shape.rows, 1)
+    rows = _rows_of_part(device.shape.rows)
+    parts = _BLOCK // rows
     across, down = (
         (at + texels - 1) // COARSE_BLOCK - at // COARSE_BLOCK + 1 for at in (column, row)
     )
@@ -103,12 +105,17 @@ def launch_cushion(
         np.float32(settings.depth), np.array(place, np.int32), *into,
         group=(device.shape.lanes, 1),
         defines={
-            "BLOCK": _BLOCK, "ROWS": _BLOCK // parts, "ITEMS": device.shape.lanes,
+            "BLOCK": _BLOCK, "ROWS": rows, "ITEMS": device.shape.lanes,
             "APRON": APRON, "COARSE_BLOCK": COARSE_BLOCK, "COARSER": factor,
             "LEAST_HALF_WIDTH": f"{LEAST_HALF_WIDTH}f", "WIDENED": f"{WIDENED}f",
-            **elements.line_defines, **elements.share_defines,
+            **elements.line_defines, **elements.share_defines, **defines,
         },
     )  # fmt: skip
+
+
+def _rows_of_part(rows: int) -> int:
+    """Rows that a work-group draws, by those of a block that it draws of other maps."""
+    return _BLOCK // max(COARSE_BLOCK // rows, 1)
 
 
 def _factor(elements: UdimElements) -> int:
@@ -214,75 +221,65 @@ class CushionMaker:
 
     def tile(self, square: Square) -> CushionTile:
         """The layer around a square (row, column, texels per side) of level 0."""
-        side = coarse_side(square[2], self._factor)
-        count, bits = (SAMPLES + 1) * side**2, self._settings.bins.bits
-        codes = self._device.empty(count, f"i{bits // 8}")
-        for index, r in enumerate(cushion_samples(self._settings)):
-            (heights,) = self._in_pieces(square, self._map(float(r)), 1)
-            code = self._steps[index] * _depth_scale(self._settings, float(r))
-            self._quantise(heights, side, 1.0 / max(code, 1e-30), index, codes)
-        owners, places = self._in_pieces(square, self._owners(), 2)
-        self._quantise(places, side, self._limit, SAMPLES, codes)
+        side, bits = coarse_side(square[2], self._factor), self._settings.bins.bits
+        owners = self._device.empty(side**2, np.int32)
+        codes = self._device.empty((SAMPLES + 1) * side**2, f"i{bits // 8}")
+        shape = self._device.shape
+        at_once = self._device.maps_at_once(sums_of_map(_BLOCK, _rows_of_part(shape.rows)))
+        for first in range(0, SAMPLES, at_once):
+            self._draw_maps(square, range(first, min(first + at_once, SAMPLES)), codes)
+        self._draw_owners(square, owners, codes)
         return CushionTile(side, owners, codes)
 
-    def _quantise(
-        self, values: Buffer, side: int, per_step: float, index: int, codes: Buffer
-    ) -> None:
-        """Write values of the samples as codes of a map, and release them."""
-        self._device.launch(
-            "quantise", "quantise", (side**2 // VECTOR,),
-            values, np.float32(per_step), map_argument(index, SAMPLES + 1), codes,
-            defines=self._defines,
-        )  # fmt: skip
-        self._device.finish()
-        values.release()
-
-    def _map(self, r: float) -> _Draw:
-        """Draws all lines at one log stretch."""
-        response = self._settings.response
-        scales = (scale(response, r, response.alpha_w), _depth_scale(self._settings, r))
-        return self._launched("cushion_map", r, np.array(scales, np.float32))
-
-    def _owners(self) -> _Draw:
-        """Finds owners and places, by the weights that shares make at the second sample."""
-        r = float(cushion_samples(self._settings)[1])
-        return self._launched("cushion_owners", r, np.int32(self._elements.wrinkles))
-
-    def _launched(self, kernel: str, r: float, given: Any) -> _Draw:
-        """Runs a kernel over a square, with the shares of lines at a log stretch."""
-        elements, settings = self._elements, self._settings
-        cushion = settings.shape.cushion
-        shares = elements.share_arguments(settings.response, r, (1.0 - cushion) / cushion)
-        return lambda square, into: launch_cushion(
-            self._device, kernel, elements, settings, square, *shares, given, into=into
+    def _draw_maps(self, square: Square, samples: range, codes: Buffer) -> None:
+        """All lines at some of the samples."""
+        elements, response = self._elements, self._settings.response
+        stretches = elements.stretches(
+            self._device, response, [self._stretch(index) for index in samples], self._narrow
         )
+        defines = {**self._defines, "STRETCHES": len(samples)}
+        map = map_argument(samples.start, SAMPLES + 1)
+        self._in_pieces("cushion_maps", square, stretches, (map, codes), defines, len(samples))
+        stretches[-1].release()
 
-    def _in_pieces(self, square: Square, draw: _Draw, count: int) -> tuple[Buffer, ...]:
-        """Arrays of the samples around a square, each of 4 bytes, that `draw` writes, a piece at a
-        time: whole blocks of samples."""
-        elements, least = self._elements, BLOCK * self._factor
-        pieces = elements.work.cut(square, elements.cushion_pace.most, square[2], least)
-        whole = self._room(square, count)
-        if len(pieces) == 1:
-            self._timed(draw, square, whole)
-            return whole
-        side = coarse_side(square[2], self._factor)
-        for piece in pieces:
-            parts = self._room(piece, count)
-            self._timed(draw, piece, parts)
-            down, across = ((piece[i] - square[i]) // self._factor for i in (0, 1))
-            part_side = coarse_side(piece[2], self._factor)
-            for part, out in zip(parts, whole, strict=True):
-                self._device.copy_square(part, out, (down * side + across, side), part_side, 4)
-            self._device.finish()
-            for part in parts:
-                part.release()
-        return whole
+    def _stretch(self, index: int) -> DrawnStretch:
+        response, r = self._settings.response, float(cushion_samples(self._settings)[index])
+        depth = _depth_scale(self._settings, r)
+        per_step = 1.0 / max(self._steps[index] * depth, 1e-30)
+        return DrawnStretch(r, scale(response, r, response.alpha_w), depth, per_step)
 
-    def _timed(self, draw: _Draw, square: Square, into: tuple[Buffer, ...]) -> None:
-        pace, work = self._elements.cushion_pace, self._elements.work.of(*square)
-        timed(self._device, pace, work, partial(draw, square, into))
+    def _draw_owners(self, square: Square, owners: Buffer, codes: Buffer) -> None:
+        """Owners and places, by the weights that shares make at the second sample."""
+        r = float(cushion_samples(self._settings)[1])
+        shares = self._elements.share_arguments(self._settings.response, r, self._narrow)
+        into = (owners, map_argument(SAMPLES, SAMPLES + 1), codes)
+        given = (*shares, np.int32(self._elements.wrinkles))
+        self._in_pieces("cushion_owners", square, given, into, self._defines, 1)
 
-    def _room(self, square: Square, count: int) -> tuple[Buffer, ...]:
-        side = coarse_side(square[2], self._factor)
-        return tuple(self._device.empty(side**2, np.float32) for _ in range(count))
+    @property
+    def _narrow(self) -> float:
+        """Weights of the narrow layer over those of the broad one."""
+        cushion = self._settings.shape.cushion
+        return (1.0 - cushion) / cushion
+
+    def _in_pieces(
+        self,
+        kernel: str,
+        square: Square,
+        arguments: tuple[Any, ...],
+        into: tuple[Any, ...],
+        defines: Mapping[str, object],
+        maps: int,
+    ) -> None:
+        """Draw so many maps of the samples around a square, a piece of it at a time: whole blocks
+        of samples."""
+        elements, factor = self._elements, self._factor
+        pace, side = elements.cushion_pace, coarse_side(square[2], factor)
+        for piece in elements.work.cut(square, pace.most / maps, square[2], BLOCK * factor):
+            down, across = ((piece[i] - square[i]) // factor for i in (0, 1))
+            target = np.array((down * side + across, side), np.int32)
+            draw = partial(
+                launch_cushion, self._device, kernel, elements, self._settings, piece, *arguments,
+                into=(target, *into), defines=defines,
+            )  # fmt: skip
+            timed(self._device, pace, maps * elements.work.of(*piece), draw)

@@ -3,6 +3,7 @@ and on the device."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -321,8 +322,23 @@ class UdimElements:
         """
         if self.shares is None:
             return ()
-        depth = scale(response, r, -response.alpha_d)
-        return self.shares, np.array([response.alpha_d, r, depth, narrow], np.float32)
+        return self.shares, np.array(_answer(response, r, narrow), np.float32)
+
+    def stretches(
+        self,
+        device: Device,
+        response: ResponseSettings,
+        drawn: Sequence[DrawnStretch],
+        narrow: float = 1.0,
+    ) -> tuple[Buffer, ...]:
+        """The arguments SHARES_OF_LINES and `stretches` of stretches.clh. The last is the caller's
+        to release.  narrow: as in `share_arguments`."""
+        shares = () if self.shares is None else (self.shares,)
+        rows = [
+            (one.width, one.depth, one.per_step, one.lean, *_answer(response, one.r, narrow))
+            for one in drawn
+        ]
+        return (*shares, device.upload(np.array(rows, np.float32)))
 
     def release(self) -> None:
         """Give the memory back."""
@@ -380,6 +396,26 @@ class CushionElements:
         """Give the memory back."""
         self.sizes.release()
         self.lists.release()
+
+
+@dataclass(frozen=True)
+class DrawnStretch:
+    """A log stretch r at which lines are drawn, with width and depth times so much.
+
+    per_step: codes for a mesh unit.  lean: depth is times 1 + this times where in its bin a line
+    runs.
+    """
+
+    r: float
+    width: float
+    depth: float
+    per_step: float = 0.0
+    lean: float = 0.0
+
+
+def _answer(response: ResponseSettings, r: float, narrow: float) -> tuple[float, ...]:
+    """`answer` of shared_sizes.clh."""
+    return response.alpha_d, r, scale(response, r, -response.alpha_d), narrow
 
 
 def orientation_bins(segments: NDArray[np.float32], count: int) -> NDArray[np.uint8]:
