@@ -189,6 +189,13 @@ def test_one_sneer_alone_shows_no_nose(device: Device, face: face_data.Face) -> 
     assert "nose" in measured(device, both, ("sneer",)).regions
 
 
+def test_the_floor_of_the_mouth_is_neck(device: Device, face: face_data.Face) -> None:
+    place = mesh().positions
+    under = np.flatnonzero(np.linalg.norm(place - (0.8, -8.3, 6.8), axis=1) < 0.6)
+    assert by_expressions(device).regions["neck"][under].min() > 0.9
+    assert by_expressions(device, "coarse").regions["neck"][under].max() < 0.1
+
+
 def test_a_closing_jaw_shows_no_neck(device: Device, face: face_data.Face) -> None:
     opened, closed = (np.stack([face.expression("jawOpen", w)]) for w in (1.0, -1.0))
     assert "neck" in measured(device, opened, ("jawOpen",)).regions

@@ -162,15 +162,15 @@ REGIONS: dict[str, Region] = {
     # A wide net of rhombi, longer than high, that age deepens as a whole; small pores.
     "neck": Region(
         density=0.5,
-        strength=1.75,
-        anisotropy=1.0,
+        strength=1.95,
+        anisotropy=0.5,
         bend=0.5,
         scale=1.15,
         pore_radius=0.7,
         grain=1.2,
-        undulation=2.2,
+        undulation=2.6,
         patchiness=3.3,
-        leading=0.55,
+        leading=0.12,
         rings=1.0,
         pore_strength=0.5,
         old=Old(strength=2.1, pore_strength=1.4, anisotropy=1.1, contrast=1.0, grain=1.2),
@@ -212,6 +212,7 @@ _COARSE: dict[str, dict[str, Any]] = {
     "neck": {
         "density": 0.8,
         "strength": 1.1,
+        "anisotropy": 1.0,
         "pore_strength": 1.0,
         "scale": 1.0,
         "leading": 1.2,

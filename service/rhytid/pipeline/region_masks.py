@@ -33,6 +33,9 @@ _MOST_MIDDLE = 0.5
 _CHIN, _CARRIED = 0.85, (0.65, 0.3)
 # Below the chin, in the length that smooths: where the neck begins, is whole, ends and has ended.
 _NECK_BEGINS, _NECK_ENDS = (0.0, 3.5), (44.0, 32.0)
+# The floor of the mouth is neck, too: how far skin faces down, the sine of its slope; how far above
+# the lowest of the chin it ends and is whole; and of an open jaw, where it begins and is whole.
+_FACES_DOWN, _UNDER_CHIN, _WITH_JAW = (0.55, 0.75), (-2.4, -1.0), (0.05, 0.2)
 # By region: powers of motion and of folds whose product tells it, as shares of their most, and at
 # which it begins and is whole. By eye on two faces: brows carry the skin of the lids up with them,
 # but fold the forehead alone; lips move most in a pucker, and fold as much as what is around them;
@@ -145,7 +148,8 @@ class RegionMasks:
         if "nose" in self._moved:
             found["nose"] = nose_share(self._mesh, surface.normals, self._moved["nose"])
         if "neck" in self._moved:
-            found["neck"] = neck_share(self._mesh, self._moved["neck"], surface.sigma)
+            facing = surface.normals if self._fine else None
+            found["neck"] = neck_share(self._mesh, self._moved["neck"], surface.sigma, facing)
         return {region: share for region, share in found.items() if share is not None}
 
 
@@ -183,11 +187,14 @@ def nose_share(mesh: Mesh, normals: FloatArray, offsets: FloatArray) -> FloatArr
     return share
 
 
-def neck_share(mesh: Mesh, offsets: FloatArray, length: float) -> FloatArray | None:
+def neck_share(
+    mesh: Mesh, offsets: FloatArray, length: float, normals: FloatArray | None = None
+) -> FloatArray | None:
     """(V,) how far vertices are of the neck, 0 to 1; None where an open jaw does not show it.
 
     offsets: (V, 3) what opening the jaw moves, down along y.  length: that which smooths, mesh
-    units.
+    units.  normals: (V, 3), outward, by which the floor of the mouth counts; without them it does
+    not.
     """
     motion = np.linalg.norm(offsets, axis=1)
     if not motion.any() or (motion @ offsets) @ _UP >= 0.0:
@@ -196,6 +203,9 @@ def neck_share(mesh: Mesh, offsets: FloatArray, length: float) -> FloatArray | N
     height = mesh.positions.astype(np.float64) @ _UP
     below = (height[motion >= _CHIN].min() - height) / length
     share = ramp(below, *_NECK_BEGINS) * ramp(below, *_NECK_ENDS) * ramp(motion, *_CARRIED)
+    if share.any() and normals is not None:
+        under = ramp(-(normals @ _UP), *_FACES_DOWN) * ramp(below, *_UNDER_CHIN)
+        share = np.maximum(share, under * ramp(below, *_NECK_ENDS) * ramp(motion, *_WITH_JAW))
     return share if share.any() else None
 
 

@@ -92,9 +92,9 @@ RINGS = Family(
     farther=0.0,
     least=0.5,
     chance=(0.85, 0.45),
-    broad=1.7,
-    deep=2.1,
-    winding=((0.2, 6.0), (0.16, 2.2)),
+    broad=3.0,
+    deep=1.15,
+    winding=((0.15, 14.0), (0.08, 5.0)),
     waves=((8.0, 7.0), (18.0, 16.0), (36.0, 30.0)),
     uneven=0.38,
 )
