@@ -16,6 +16,7 @@ from rhytid.pipeline.blend import TILT_NODE
 from rhytid.pipeline.reach import response_defines
 
 COUNT = 500
+LANES = 16  # triangles of a work-item
 slow = pytest.mark.slow
 
 
@@ -49,11 +50,12 @@ def weights(device, axes, logs, bins, exponents=(0.0, 0.0)):
         logs,
         in_uv,
         directions,
+        np.int32(COUNT),
         np.float32(bins.r_max),
         vector(*exponents, 4.0, 4.0),
     ]
     text, out = rhytid_kernels.source("weights"), np.zeros((COUNT, layers, 4), np.float32)
-    found = run(device, text, "sample_weights", (COUNT,), arguments, out, options)
+    found = run(device, text, "sample_weights", (-(-COUNT // LANES),), arguments, out, options)
     return np.moveaxis(found, -1, 0)
 
 

@@ -3,6 +3,10 @@
 #include "response.clh"
 #include "samples.clh"
 
+#define LANES 16
+
+POWER_OF_TWO(power16, float16, int16)
+
 // r of layer n in triangle t: one layer for each orientation bin, the last for the pores. Those from
 // ORIENTED on take the mean of both axes: the pores, and a single bin. directions: theta of each bin.
 // jacobians: NULL for angles in UV.
@@ -13,45 +17,91 @@ inline float layer_stretch(int n, int t, __global const float4 *axes, __global c
                         : mean_log_stretch(logs[t]);
 }
 
-#if TILT
-// sigma_d over the angles of bin n, as the line through two of them: its middle, and its rise to the
-// largest code of a tilt, over the middle. It stays within 0 and SCALE_LIMIT.
-inline float2 tilted_depth(int n, int t, __global const float4 *axes, __global const float2 *logs,
-                           __global const float4 *jacobians, __global const float2 *directions,
-                           float exponent)
-{
-    float before = layer_stretch(n, t, axes, logs, jacobians, directions + ORIENTED);
-    float after = layer_stretch(n, t, axes, logs, jacobians, directions + 2 * ORIENTED);
-    float low = SCALE(power, before, -exponent, SCALE_LIMIT);
-    float high = SCALE(power, after, -exponent, SCALE_LIMIT);
-    float middle = 0.5f * (low + high), rise = (high - low) / (2.0f * TILT_NODE * middle);
-    float most = min(1.0f, SCALE_LIMIT / middle - 1.0f);
-    return (float2)(middle, clamp(rise, -most, most) / CODE_LIMIT);
-}
-#endif
+// What LANES triangles have in their lanes: axes (s1, s2), and the logs of both principal stretches.
+typedef struct {
+    float16 x1, y1, x2, y2, log1, log2;
+} triangles_t;
 
-// Algorithm 3, lines 6 to 10, for every layer of a triangle.
+// Triangles from `first` on, the last again where there are no more. axes: as in angles_in.
+inline triangles_t triangles_from(int first, int last, __global const float4 *axes,
+                                  __global const float2 *logs, __global const float4 *jacobians)
+{
+    float found[6][LANES];
+    for (int lane = 0; lane < LANES; lane++) {
+        int t = min(first + lane, last);
+        float4 s = angles_in(t, (float2)(1.0f, 0.0f), axes, jacobians).axes;
+        found[0][lane] = s.x;
+        found[1][lane] = s.y;
+        found[2][lane] = s.z;
+        found[3][lane] = s.w;
+        found[4][lane] = logs[t].x;
+        found[5][lane] = logs[t].y;
+    }
+    triangles_t p = {vload16(0, found[0]), vload16(0, found[1]), vload16(0, found[2]),
+                     vload16(0, found[3]), vload16(0, found[4]), vload16(0, found[5])};
+    return p;
+}
+
+// log_stretch_in of each, the same bits: products that `dot` adds are no fused ones.
+inline float16 log_stretches_in(triangles_t p, int first, int last, float2 theta,
+                                __global const float4 *jacobians)
+{
+    float16 x = theta.x, y = theta.y;
+    if (jacobians) {
+        float turned[2][LANES];
+        for (int lane = 0; lane < LANES; lane++) {
+            float2 own = on_surface(jacobians[min(first + lane, last)], theta);
+            turned[0][lane] = own.x;
+            turned[1][lane] = own.y;
+        }
+        x = vload16(0, turned[0]);
+        y = vload16(0, turned[1]);
+    }
+    const float16 along1 = x * p.x1, across1 = y * p.y1, along2 = x * p.x2, across2 = y * p.y2;
+    return ACROSS(along1 + across1, along2 + across2, p.log1, p.log2);
+}
+
+// Algorithm 3, lines 6 to 10, for every layer of LANES triangles a work-item; count: of all.
 // weights: LAYERS per triangle: its position, from 0 (full compression) to SAMPLES_OF - 1 (full
 // stretch); what the depth is scaled by: 1, or for maps without their depth scale sigma_d of the
 // stretch before it is clamped to r_max; with TILT, as a line over the tilts, its rise; 0.
+// The depth over the angles of a bin is then the line through two of them: its middle, and its rise to
+// the largest code of a tilt, over the middle. It stays within 0 and SCALE_LIMIT.
 // directions: then also those TILT_NODE half bins before and after each. r_max: of the last sample.
 // exponents: of the depth of wrinkles and of pores, where 0 gives 1, and the limits of both depths.
 __kernel void sample_weights(__global const float4 *axes, __global const float2 *logs,
                              __global const float4 *jacobians,
-                             __global const float2 *directions, float r_max, float4 exponents,
-                             __global float4 *weights)
+                             __global const float2 *directions, int count, float r_max,
+                             float4 exponents, __global float4 *weights)
 {
-    int t = get_global_id(0);
+    const int first = get_global_id(0) * LANES, last = count - 1;
+    const triangles_t p = triangles_from(first, last, axes, logs, jacobians);
     for (int n = 0; n < LAYERS; n++) {
-        float r = layer_stretch(n, t, axes, logs, jacobians, directions);
+        float16 r = n < ORIENTED ? log_stretches_in(p, first, last, directions[n], jacobians)
+                                 : 0.5f * (p.log1 + p.log2);
         float2 depth_of = n < LAYERS - 1 ? exponents.xz : exponents.yw;
-        float position = (clamp(r / r_max, -1.0f, 1.0f) + 1.0f) * (0.5f * (SAMPLES_OF(n) - 1));
-        float2 depth = (float2)(SCALE(power, r, -depth_of.x, depth_of.y), 0.0f);
+        float found[3][LANES];
+        vstore16((clamp(r / r_max, -1.0f, 1.0f) + 1.0f) * (0.5f * (SAMPLES_OF(n) - 1)), 0, found[0]);
+        float16 depth, rise = 0.0f;
 #if TILT
-        if (n < ORIENTED)
-            depth = tilted_depth(n, t, axes, logs, jacobians, directions, depth_of.x);
+        if (n < ORIENTED) {
+            __global const float2 *turned = directions + ORIENTED + n;
+            float16 before = log_stretches_in(p, first, last, turned[0], jacobians);
+            float16 after = log_stretches_in(p, first, last, turned[ORIENTED], jacobians);
+            float16 low = SCALE(power16, before, -depth_of.x, SCALE_LIMIT);
+            float16 high = SCALE(power16, after, -depth_of.x, SCALE_LIMIT);
+            depth = 0.5f * (low + high);
+            rise = (high - low) / (2.0f * TILT_NODE * depth);
+            float16 most = min(SCALE_LIMIT / depth - 1.0f, 1.0f);
+            rise = clamp(rise, -most, most) / CODE_LIMIT;
+        } else
 #endif
-        weights[t * LAYERS + n] = (float4)(position, depth, 0.0f);
+            depth = SCALE(power16, r, -depth_of.x, depth_of.y);
+        vstore16(depth, 0, found[1]);
+        vstore16(rise, 0, found[2]);
+        for (int lane = 0; lane < min(LANES, count - first); lane++)
+            weights[(first + lane) * LAYERS + n] =
+                (float4)(found[0][lane], found[1][lane], found[2][lane], 0.0f);
     }
 }
 

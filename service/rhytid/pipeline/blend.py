@@ -137,8 +137,8 @@ class Blend:
         count, layers = self._triangles + 1, self._bins.count + 1
         found = self._device.empty(4 * count * layers, np.float32)
         self._device.launch(
-            "weights", "sample_weights", (count,),
-            *self._stretch(stretch), self._last_sample, self._exponents, found,
+            "weights", "sample_weights", (-(-count // VECTOR),),
+            *self._stretch(stretch), np.int32(count), self._last_sample, self._exponents, found,
             defines={**self._layers, **self._response, **self._oriented},
         )  # fmt: skip
         self._device.launch(
