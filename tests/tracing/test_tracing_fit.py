@@ -135,20 +135,34 @@ def test_a_fit_brings_back_weights_and_widths(device, cushion):
     assert found.lines.half_width == pytest.approx(true.half_width, rel=0.12)
 
 
-def test_a_fit_never_ends_worse_than_it_began(device, monkeypatch):
-    settings, line = settings_of(), one_line()
-    scan = fit.drawn_neutral(device, fit.neutral_graph(line, no_pores(), settings), settings, 1001)
+def fitted_by(device, monkeypatch, times):
+    """What a fit makes of a line of weight .3 for a scan of one of .5, where the step that it is
+    offered multiplies weights."""
+    settings, start = settings_of(), one_line(weight=(0.3, 0.3))
+    true = fit.neutral_graph(one_line(weight=(0.5, 0.5)), no_pores(), settings)
+    scan = fit.drawn_neutral(device, true, settings, 1001)
 
-    def worse(work, lines, pores, maps, settings):
-        return fit.changed(lines, 1.5 * lines.weight, lines.half_width), pores
+    def step(work, lines, pores, maps, settings):
+        return fit.changed(lines, times * lines.weight, lines.half_width), pores
 
-    monkeypatch.setattr(fit, "_stepped", worse)
+    monkeypatch.setattr(fit, "_stepped", step)
     with Workspace(device) as work:
         everywhere = np.ones(scan.shape, np.bool_)
-        found = fit.fitted(work, device, line, no_pores(), scan, everywhere, settings, steps=2)
-    assert found.left == sorted(found.left)
-    assert found.left[-1] > found.left[0]
-    np.testing.assert_array_equal(found.lines.weight, line.weight)
+        return fit.fitted(work, device, start, no_pores(), scan, everywhere, settings, steps=1)
+
+
+def test_a_step_that_leaves_more_is_not_taken(device, monkeypatch):
+    found = fitted_by(device, monkeypatch, 0.9)
+    assert found.left[1] == found.left[0]
+    np.testing.assert_array_equal(found.lines.weight, [0.3, 0.3])
+
+
+@pytest.mark.parametrize(("offered", "taken"), [(1.1, 0.3 * 1.16), (2.5, 0.5)])
+def test_a_step_is_as_long_as_leaves_least(device, monkeypatch, offered, taken):
+    """But 1.6 times what is offered at most."""
+    found = fitted_by(device, monkeypatch, offered)
+    assert found.left[1] < found.left[0]
+    assert found.lines.weight == pytest.approx([taken, taken], rel=0.01)
 
 
 def test_no_rest_has_a_larger_range_than_the_scan(device):

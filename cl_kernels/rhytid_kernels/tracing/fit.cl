@@ -4,12 +4,6 @@
 
 #define SHARPNESS 20.0f // of the mellow-max by which narrow heights meet
 
-// Sums over texels of one unknown: J r and J J, with J how the height changes.
-inline void add_to(float2 *sums, float change, float left)
-{
-    *sums += (float2)(change * left, change * change);
-}
-
 // How much of a change shows under deeper heights: own and met, of all, are depths.
 inline float8 shown(float8 own, float8 met)
 {
@@ -22,6 +16,7 @@ typedef struct {
     float8 left, square;
 } sums_t;
 
+// Sums over texels of one unknown: J r and J J, with J how the height changes.
 inline void add_lanes(sums_t *sums, float8 change, float8 left)
 {
     sums->left += change * left;
@@ -65,34 +60,37 @@ __kernel void fit_wrinkles(int first, int count, __global const float4 *segments
     float2 stop = start + e, low = min(start, stop) - reach, high = max(start, stop) + reach;
     int x0 = max((int)ceil(low.x), 0), x1 = min((int)floor(high.x), side - 1);
     int y0 = max((int)ceil(low.y), 0), y1 = min((int)floor(high.y), side - 1);
+    float2 forward = e / square, left_of = (float2)(-e.y, e.x) / length;
+    float outside = 1.0f / (shape.w * shape.w);
     sums_t start_weight = {(float8)(0.0f), (float8)(0.0f)}, end_weight = start_weight;
     sums_t start_width = start_weight, end_width = start_weight;
     for (int y = y0; y <= y1; y++)
         for (int x = x0; x <= x1; x += LANES) {
             float8 dx = lane + (x - start.x);
             float dy = y - start.y;
-            float8 along = (dx * e.x + dy * e.y) / square, s = clamp(along, 0.0f, 1.0f), near = 1.0f - s;
+            float8 along = dx * forward.x + dy * forward.y, s = clamp(along, 0.0f, 1.0f), near = 1.0f - s;
             float8 arc = length * s * near * (slope.x * near - slope.y * s);
-            float8 aside = (e.y * dx - e.x * dy) / length - arc, beyond = (along - s) * length;
-            float8 away = aside * aside + beyond * beyond;
-            float8 width = size.x * near + size.y * s, drawn = max(width, shape.y);
-            float8 t2 = away / (drawn * drawn);
-            int8 here = (t2 < wider * wider) & (lane <= (float)(x1 - x));
+            float8 aside = dx * left_of.x + dy * left_of.y + arc, beyond = (along - s) * length;
+            float8 width = size.x * near + size.y * s, drawn = max(width, shape.y), once = 1.0f / drawn;
+            float8 away2 = (aside * aside + beyond * beyond) * once * once;
+            int8 here = (away2 < wider * wider) & (lane <= (float)(x1 - x));
             if (!any(here))
                 continue;
-            float8 r = vload8(0, left + y * side + x), thin = width / drawn;
-            float8 weight = size.z * near + size.w * s, inside = max(1.0f - t2, 0.0f);
-            t2 = min(t2, 1.0f);
-            float8 profile = inside * inside * (1.0f - shape.x * t2) * thin;
-            float8 steep = -inside * (2.0f * (1.0f - shape.x * t2) + shape.x * inside) * thin;
-            float8 own = (1.0f - broad) * weight * fabs(profile);
-            float8 share = (1.0f - broad) * shown(own, vload8(0, met + y * side + x));
+            float8 r = vload8(0, left + y * side + x), weight = size.z * near + size.w * s;
+            float8 by_weight = (float8)(0.0f), by_width = by_weight;
             // Below the least half width a line is drawn shallower, not narrower.
             int8 held = width < shape.y;
-            float8 by_weight = share * profile;
-            float8 by_width = share * weight * select(-2.0f * t2 * steep, profile, held);
+            if (any(away2 < 1.0f)) {
+                float8 thin = width * once, inside = max(1.0f - away2, 0.0f), t2 = min(away2, 1.0f);
+                float8 profile = inside * inside * (1.0f - shape.x * t2) * thin;
+                float8 steep = -inside * (2.0f * (1.0f - shape.x * t2) + shape.x * inside) * thin;
+                float8 own = (1.0f - broad) * weight * fabs(profile);
+                float8 share = (1.0f - broad) * shown(own, vload8(0, met + y * side + x));
+                by_weight = share * profile;
+                by_width = share * weight * select(-2.0f * t2 * steep, profile, held);
+            }
             if (fade > 0.0f) {
-                float8 b2 = min(away / (drawn * drawn * shape.w * shape.w), 1.0f), in = 1.0f - b2;
+                float8 b2 = min(away2 * outside, 1.0f), in = 1.0f - b2;
                 by_weight += broad * fade * in * in;
                 by_width += select(4.0f * broad * fade * weight * b2 * in, (float8)(0.0f), held);
             }
@@ -121,16 +119,20 @@ __kernel void fit_pores(int first, int count, __global const float2 *centres,
     float2 reach = (float2)(length(root.yz) / root.x, 1.0f) / root.z;
     int x0 = max((int)ceil(centre.x - reach.x), 0), x1 = min((int)floor(centre.x + reach.x), side - 1);
     int y0 = max((int)ceil(centre.y - reach.y), 0), y1 = min((int)floor(centre.y + reach.y), side - 1);
-    float2 by_weight = (float2)(0.0f), by_size = (float2)(0.0f);
+    const float8 lane = {0.0f, 1.0f, 2.0f, 3.0f, 4.0f, 5.0f, 6.0f, 7.0f};
+    sums_t weight = {(float8)(0.0f), (float8)(0.0f)}, size = weight;
     for (int y = y0; y <= y1; y++)
-        for (int x = x0; x <= x1; x++) {
-            float dx = x - centre.x, dy = centre.y - y;
-            float gx = root.x * dx + root.y * dy, gy = root.z * dy;
-            float t2 = min(gx * gx + gy * gy, 1.0f), profile = (1.0f - t2) * (1.0f - t2);
-            float share = exp(SHARPNESS * min(root.w * profile - met[y * side + x], 0.0f));
-            float r = left[y * side + x];
-            add_to(&by_weight, -share * profile, r);
-            add_to(&by_size, -4.0f * share * root.w * t2 * (1.0f - t2), r);
+        for (int x = x0; x <= x1; x += LANES) {
+            float8 dx = lane + (x - centre.x);
+            float dy = centre.y - y;
+            float8 gx = root.x * dx + root.y * dy;
+            float gy = root.z * dy;
+            float8 t2 = min(gx * gx + gy * gy, 1.0f), inside = 1.0f - t2;
+            inside = select((float8)(0.0f), inside, lane <= (float)(x1 - x));
+            float8 own = root.w * inside * inside, share = shown(own, vload8(0, met + y * side + x));
+            float8 r = vload8(0, left + y * side + x);
+            add_lanes(&weight, -share * inside * inside, r);
+            add_lanes(&size, -4.0f * share * root.w * t2 * inside, r);
         }
-    found[i] = (float4)(by_weight, by_size);
+    found[i] = totals(weight, size);
 }

@@ -50,17 +50,18 @@ def _best(points: ValleyPoints, window: tuple[int, int, int]) -> Links:
     """(K, 2) the best neighbours ahead and behind, of points in a window (top row, rows, columns)
     of the map."""
     top, rows, columns = window
-    index = np.full((rows + 2 * _REACH, columns + 2 * _REACH), NONE, np.int64)
-    row, column = points.row - top + _REACH, points.column + _REACH
-    index[row, column] = np.arange(len(points))
+    wide = columns + 2 * _REACH
+    index = np.full((rows + 2 * _REACH) * wide, NONE, np.int32)
+    place = (points.row - top + _REACH) * wide + points.column + _REACH
+    index[place] = np.arange(len(points))
     found = np.full((len(points), 2), NONE, np.int64)
     least = np.full((len(points), 2), np.inf)
     steps = range(-_REACH, _REACH + 1)
     # Of each pair of texels once: it is looked at from both.
     for dy, dx in [step for step in product(steps, steps) if step > (0, 0)]:
-        other = index[row + dy, column + dx]
+        other = index.take(place + (dy * wide + dx))
         one = np.flatnonzero(other >= 0)
-        two = other[one]
+        two = other[one].astype(np.int64)
         for here, there, cost, ahead in _costs(points, one, two):
             side = (ahead < 0).astype(np.int64)
             better = cost < least[here, side]
@@ -93,9 +94,10 @@ def _costs(
 
 def mutual(picked: Links) -> Links:
     """Links, of which those stay that go both ways."""
-    me = np.arange(len(picked))[:, None]
-    back = picked[np.maximum(picked, 0)]
-    kept = (picked >= 0) & (back == me[..., None]).any(axis=-1)
+    me, kept = np.arange(len(picked)), picked >= 0
+    for side in (0, 1):
+        other = np.maximum(picked[:, side], 0)
+        kept[:, side] &= (picked[other, 0] == me) | (picked[other, 1] == me)
     kept[:, 1] &= picked[:, 0] != picked[:, 1]
     found: Links = np.where(kept, picked, NONE)
     return found

@@ -1,7 +1,8 @@
 """Fits weights and sizes of traced lines and pores to a scan: the device draws the neutral of
 them, and each changes by what the scan is above that. Kernel: fit.cl.
 
-A step is one of Gauss and Newton with the diagonal of the normal equations, shortened.
+A step is one of Gauss and Newton with the diagonal of the normal equations, as long as leaves least
+along its way.
 """
 
 from __future__ import annotations
@@ -43,8 +44,12 @@ from rhytid.tracing.measure import (
 from rhytid.tracing.ridges import Floats
 
 STEPS = 10
-# Of the step that the diagonal gives: neighbours that overlap share what is left.
-_TAKEN = 0.4
+# Of the step that the diagonal gives: neighbours that overlap share what is left. Of that, the most
+# that is taken, where what a step draws says that more would leave less; below 2, what is drawn in
+# between comes closer to what drawing anew would give with each step.
+_TAKEN, _FURTHEST = 0.4, 1.6
+# There are no more steps after one that leaves more than this share of what there was.
+_HARDLY_LESS = 0.97
 # What the diagonal gets more, of weights and of the logarithms of sizes: what hardly shows stays.
 _HELD_WEIGHT, _HELD_SIZE = 0.25, 0.06
 # The most that a step changes: of weights in shares of them and beside, of logarithms of sizes.
@@ -62,8 +67,8 @@ _LEAST = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """Lines and pores of a UDIM, and the root mean square of what is left of the scan after each
-    step, relief units."""
+    """Lines and pores of a UDIM, and the root mean square of what is left of the scan at first and
+    after each step, relief units, by the maps that steps reckon with."""
 
     lines: TracedLines
     pores: TracedPores
@@ -81,7 +86,7 @@ def fitted(
     steps: int = STEPS,
     progress: Progress = silent,
 ) -> Fitted:
-    """Lines and pores after `steps` steps, or the last before what is left grew; shallower ones
+    """Lines and pores after `steps` steps, or fewer where one leaves hardly less; shallower ones
     where they leave more than there was, about its mean.
 
     What is left counts as a whole, as far as a midlevel that is off, though the steps go by its
@@ -91,25 +96,68 @@ def fitted(
     scan (R, R): relief, mesh units.  inside (R, R): where there is skin.  settings: resolved,
     without grain and undulation.
     """
+    drawn, texels = _drawn(device, lines, pores, settings), int(np.count_nonzero(inside))
     if settings.shape.cushion > 0.0:
-        lines, pores = _scaled(work, device, lines, pores, scan, inside, settings)
-    best, left, texels = (lines, pores), [], int(np.count_nonzero(inside))
-    rest = np.zeros_like(scan)
-    for step in range(steps + 1):
+        gain = _gain(work, drawn, scan, inside)
+        lines, pores = _times(gain, lines, pores)
+        drawn *= np.float32(gain)
+    here = _Place(lines, pores, drawn, _apart(scan, drawn, inside))
+    left = [rms_of_some(here.apart, texels)]
+    for step in range(steps):
         progress(step / (steps + 1), "fit")
-        drawn = _drawn(device, lines, pores, settings)
-        apart = _apart(scan, drawn, inside)
-        left.append(rms_of_some(apart, texels))
-        if left[-1] > min(left):
+        here = _further(work, device, here, scan, inside, settings)
+        left.append(rms_of_some(here.apart, texels))
+        if left[-1] > _HARDLY_LESS * left[-2]:
             break
-        best, rest = (lines, pores), apart
-        if step == steps:
-            break
-        lines, pores = _stepped(work, lines, pores, (apart, drawn), settings)
+    best = here.lines, here.pores
+    rest = _apart(scan, _drawn(device, *best, settings), inside)
     if spread(rest, inside) > spread(scan, inside):
         best, rest = _shrunk(device, *best, scan, rest, inside, settings)
     lines, pores = _within_range(device, *best, scan, rest, inside, settings)
     return Fitted(lines.without_faint(_LEAST), pores.without_faint(_LEAST), left)
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where a fit is: lines and pores, what they draw (R, R), between steps as far as it goes with
+    their weights and sizes, and how far the scan is above that, 0 outside of charts."""
+
+    lines: TracedLines
+    pores: TracedPores
+    drawn: NDArray[np.float32]
+    apart: NDArray[np.float32]
+
+
+def _further(
+    work: Workspace,
+    device: Device,
+    here: _Place,
+    scan: NDArray[np.float32],
+    inside: NDArray[np.bool_],
+    settings: AssetSettings,
+) -> _Place:
+    """Where one step leads that is as long as leaves least, if maps go with weights and sizes."""
+    lines, pores = _stepped(work, here.lines, here.pores, (here.apart, here.drawn), settings)
+    change = _drawn(device, lines, pores, settings)
+    change -= here.drawn
+    share = min(max(_along(here.apart, change * inside, 0.0), 0.0), _FURTHEST)
+    weight, width = _between(
+        (here.lines.weight, here.lines.half_width), (lines.weight, lines.half_width), share
+    )
+    lines = changed(lines, weight, width)
+    weight, size = _between((here.pores.weight, here.pores.size), (pores.weight, pores.size), share)
+    pores = changed_pores(pores, weight, size)
+    change *= np.float32(share)
+    drawn = np.add(here.drawn, change, out=change)
+    return _Place(lines, pores, drawn, _apart(scan, drawn, inside))
+
+
+def _between(
+    before: tuple[Floats, Floats], after: tuple[Floats, Floats], share: float
+) -> tuple[Floats, Floats]:
+    """What a share of the way leads to, of weights and of the logarithms of sizes."""
+    (weight, size), (to_weight, to_size) = before, after
+    return weight + share * (to_weight - weight), size * (to_size / size) ** share
 
 
 def _shrunk(
@@ -226,24 +274,27 @@ def _even_scales(device: Device, elements: UdimElements) -> ScaleBuffers:
     return ScaleBuffers(*(device.full(max(count, 1), np.float32(1.0)) for count in counts))
 
 
-def _scaled(
+def _gain(
     work: Workspace,
-    device: Device,
-    lines: TracedLines,
-    pores: TracedPores,
+    drawn: NDArray[np.float32],
     scan: NDArray[np.float32],
     inside: NDArray[np.bool_],
-    settings: AssetSettings,
-) -> tuple[TracedLines, TracedPores]:
-    """Lines and pores whose weights are all times one number, by which they are nearest to the scan
-    in its narrow part: lines that were found there answer less than their broad layers would."""
-    drawn = _drawn(device, lines, pores, settings)
+) -> float:
+    """The number times which what is drawn is nearest to the scan in its narrow part: lines that
+    were found there answer less than their broad layers would."""
     wanted, found = (
         np.where(inside, above_mean(work, map, NARROW), np.float32(0.0)) for map in (scan, drawn)
     )
-    square = float(np.vdot(found, found))
-    gain = float(np.vdot(wanted, found)) / square if square > 0.0 else 1.0
-    return _times(gain, lines, pores)
+    return _along(wanted, found, 1.0)
+
+
+def _along(wanted: NDArray[np.float32], way: NDArray[np.float32], otherwise: float) -> float:
+    """The number times which `way` (R, R) is nearest to what is wanted; `otherwise` for no way."""
+    products = (
+        float(np.einsum("ij,ij->i", map, way).sum(dtype=np.float64)) for map in (wanted, way)
+    )
+    product, square = products
+    return product / square if square > 0.0 else otherwise
 
 
 def _times(gain: float, lines: TracedLines, pores: TracedPores) -> tuple[TracedLines, TracedPores]:

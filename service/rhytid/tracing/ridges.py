@@ -223,9 +223,14 @@ def _valleys(
     there = skin[_AROUND:-_AROUND, _AROUND:-_AROUND] & (own[0] > 0.0)
     row, column = np.nonzero(there & (np.abs(own[2]) <= 2.0 * _NEAREST))
     strength, angle, way, scale = own[:, row, column].astype(np.float64)
+    curvature = strength / scale**LINE_POWER
+    here = np.flatnonzero(curvature > limits.at(scale))
+    row, column, angle, way, scale, curvature = (
+        values[here] for values in (row, column, angle, way, scale, curvature)
+    )
     across = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    off, curvature = way[:, None] * across, strength / scale**LINE_POWER
-    here = (np.abs(off).max(axis=1, initial=0.0) <= _NEAREST) & (curvature > limits.at(scale))
+    off = way[:, None] * across
+    here = np.abs(off).max(axis=1, initial=0.0) <= _NEAREST
     row, column, off, across = row[here], column[here], off[here], across[here]
     along = np.stack([-across[:, 1], across[:, 0]], axis=1)
     row, column = row + corner[0], column + corner[1]  # before the way, which would round otherwise
@@ -271,7 +276,7 @@ def noise_of(relief: NDArray[np.float32], inside: NDArray[np.bool_]) -> float:
     relief (H, W).  inside (H, W): where there is skin.
     """
     height, width = (side // _BLOCK * _BLOCK for side in relief.shape)
-    r = relief[:height, :width].astype(np.float64)
+    r = relief[:height, :width]
     whole = inside[:height, :width]
     a, b, c, d = (r[y::2, x::2] for y in (0, 1) for x in (0, 1))
     half = _BLOCK // 2
