@@ -13,10 +13,12 @@ __kernel void fold_tensor(__global const float *positions, __global const int *f
     int i = get_global_id(0);
     float3 found = 0.0f;
     if (rest[i].s0 != 0.0f) { // else it has no usable area: nothing is known of it
-        gradient_t g = deformation_gradient(vload3(faces[3 * i], positions),
-                                            vload3(faces[3 * i + 1], positions),
-                                            vload3(faces[3 * i + 2], positions), rest[i]);
-        float2 rho = singular_values(g), q = right_singular_vector(g);
+        float8 of = rest[i];
+        rest_t neutral = {tf_of(of.s0, of.s1), tf_of(of.s2, of.s3), tf_of(of.s4, of.s5)};
+        gradient_t g = deformation_gradient(point_at(faces[3 * i], positions),
+                                            point_at(faces[3 * i + 1], positions),
+                                            point_at(faces[3 * i + 2], positions), neutral);
+        pair_t rho = singular_values(g), q = right_singular_vector(g);
         float one = fmin(clamped_log(rho.x, limit), 0.0f);
         float two = fmin(clamped_log(rho.y, limit), 0.0f);
         one *= one;

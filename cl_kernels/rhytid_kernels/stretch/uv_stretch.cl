@@ -24,13 +24,13 @@ __kernel void stretch_uv(__global const float *positions, __global const int *fa
     int i = get_global_id(0);
     float2 ratio = (float2)(1.0f);
     if (i < triangles && any(weights[i].s0246 != 0.0f)) {
-        float3 p = vload3(faces[3 * i], positions), q = vload3(faces[3 * i + 1], positions),
-               r = vload3(faces[3 * i + 2], positions);
+        point_t p = point_at(faces[3 * i], positions), q = point_at(faces[3 * i + 1], positions),
+                r = point_at(faces[3 * i + 2], positions);
         int exponent = edge_exponent(p, q, r);
         edge_t first = edge_between(p, q, exponent), second = edge_between(p, r, exponent);
         float8 w = weights[i];
-        ratio.x = ldexp(combined_length(first, second, w.s01, w.s23), -exponent);
-        ratio.y = ldexp(combined_length(first, second, w.s45, w.s67), -exponent);
+        ratio.x = ldexp(combined_length(first, second, tf_of(w.s0, w.s1), tf_of(w.s2, w.s3)), -exponent);
+        ratio.y = ldexp(combined_length(first, second, tf_of(w.s4, w.s5), tf_of(w.s6, w.s7)), -exponent);
     }
     ratios[i] = ratio;
     axes[i] = (float4)(1.0f, 0.0f, 0.0f, 1.0f);

@@ -18,6 +18,9 @@ from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.folding import Folding
 from rhytid.pipeline.uv_vertices import unit_jacobians
 
+# Of a work-item of stretch.cl.
+_TRIANGLES = 8
+
 
 @dataclass(frozen=True)
 class StretchBuffers(BufferGroup):
@@ -238,9 +241,10 @@ class Tensor:
     ) -> None:
         """Fill `found` for the first `triangles`; the rest is unstretched."""
         self._device.launch(
-            "stretch", "stretch_tensor", (found.count,),
+            "stretch", "stretch_tensor", (-(-found.count // _TRIANGLES),),
             frame, faces, self.rest, self._frame_to_uv,
-            np.int32(triangles), np.float32(limit.most), found.ratios, found.axes, found.logs,
+            np.int32(triangles), np.int32(found.count), np.float32(limit.most),
+            found.ratios, found.axes, found.logs,
             defines=limit.defines,
         )  # fmt: skip
 
