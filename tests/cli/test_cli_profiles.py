@@ -137,3 +137,12 @@ def test_a_level_that_there_is_not_is_refused_before_anything_is_built(
     assert main([*given, "--level", "9"]) == 1
     assert "--level 9: maps of 256 x 256 texels have levels 0 to 8" in capsys.readouterr().err
     assert not out.exists()
+
+
+@pytest.mark.parametrize(("level", "told"), [([], True), (["--level", "1"], False)])
+def test_roughness_beside_normals_of_another_level_is_told(
+    level: list[str], told: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    profiles = ["--profile", "roughness", "normal-gl", *level]
+    assert main(["bake", __file__, "--out", str(tmp_path / "x"), *profiles]) == 1
+    assert ("a shader that reads both needs one" in capsys.readouterr().err) == told

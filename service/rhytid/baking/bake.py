@@ -114,7 +114,7 @@ def _maps(request: BakeRequest, baker: Baker, inputs: BakeInputs) -> BakeSummary
         **({} if cluster is None else {"cluster": asdict(cluster.figures)}),
     }
     what = plural(baker.written, "map" if request.geometry is None else "file")
-    over = f", {baker.replaced} of them in place of older files" if baker.replaced else ""
+    over = f" ({plural(baker.replaced, 'older file')} replaced)" if baker.replaced else ""
     done = f", {baker.skipped} already there" if baker.skipped else ""
     text = f"{baker.watch.table()}\n{what} written to {request.out}{over}{done}"
     return BakeSummary(figures, text)

@@ -38,7 +38,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.messages import METHODS, MapQuery
 from rhytid.exports.textures import COMPRESSIONS, USUAL, Shine
 from rhytid.support.build_identity import check_drawing
-from rhytid.support.console import report
+from rhytid.support.console import note, report
 
 # Options that say how an asset is built.
 _BUILDING = (
@@ -228,7 +228,8 @@ def _refuse_conflicts(arguments: argparse.Namespace) -> None:
 
 
 def _refuse_shine_without_effect(arguments: argparse.Namespace) -> None:
-    """End with a usage error where `--level` or `--base-roughness` says nothing."""
+    """End with a usage error where `--level` or `--base-roughness` says nothing; print a note where
+    maps that belong together would have two levels."""
     of_base = {"roughness", "anisotropy"}
     of_level = of_base | {"slopes", "normal-gl", "normal-dx"}
     names = set(arguments.profile or [])
@@ -236,6 +237,12 @@ def _refuse_shine_without_effect(arguments: argparse.Namespace) -> None:
         arguments.usage_error(f"--level is of the profiles {', '.join(sorted(of_level))}: use one")
     if arguments.base_roughness != USUAL.roughness and not names & of_base:
         arguments.usage_error("--base-roughness is of the profiles roughness and anisotropy")
+    normals = sorted(name for name in names if name.startswith("normal"))
+    if arguments.level is None and normals and names & of_base:
+        note(
+            f"rhytid bake: {', '.join(sorted(names & of_base))} are of level {USUAL.of_moments}, "
+            f"{', '.join(normals)} of level 0: a shader that reads both needs one; give --level"
+        )
 
 
 def _refuse_beside_asset(arguments: argparse.Namespace) -> None:

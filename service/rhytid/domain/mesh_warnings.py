@@ -144,7 +144,8 @@ class MeasuredMesh:
             worst = int(np.argmax(np.where(signed < 0, sizes, 0.0)))
             wrong = (
                 "v runs the other way, as after an export that turned it over (or u does): give "
-                "1 - v in the file, or turn painted maps over as well (`--flip v` does for scans)"
+                "1 - v in the file, or turn painted maps over as well (scans: with `--flip v`, "
+                "where it is not given)"
                 if share > _ALL_MIRRORED
                 else "directions and turns that are painted there run the other way; flip these "
                 "charts"
