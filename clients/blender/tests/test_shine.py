@@ -82,6 +82,29 @@ def test_shine_goes_with_the_sequence_that_it_is_of(
     assert not roughness.is_linked
 
 
+def test_shine_of_several_udims_goes_by_the_frame(blender: bpy.types.Scene, tmp_path: Path) -> None:
+    rest, faces, uv = grid(16, 12.0, udims=2)
+    obj = add("Two", rest, faces, uv)
+    animate(obj, "wide", rest * (1.2, 0.9, 1.0))
+    obj.rhytid.resolution, obj.rhytid.unit, obj.rhytid.shine = "256", "cm", True
+    obj.rhytid.folder = str(tmp_path / "maps")
+    blender.frame_end = LAST
+    obj.data.materials.append(bpy.data.materials.new("Skin"))
+    obj.active_material.use_nodes = True
+    bpy.ops.rhytid.send()
+    assert bpy.ops.rhytid.bake() == {"FINISHED"}
+    image = obj.active_material.node_tree.nodes["rhytid shine"].image
+    assert image.source == "TILED"
+    assert [tile.number for tile in image.tiles] == [1001, 1002]
+    assert image.colorspace_settings.name == "Non-Color"
+    for frame in (LAST, 1):
+        blender.frame_set(frame)
+        for udim in (1001, 1002):
+            file = Path(bpy.path.abspath(image.filepath.replace("<UDIM>", str(udim))))
+            assert file.name == f"Two.shine.{udim}.{frame:04d}.png"
+            assert file.is_file()
+
+
 def pixels(path: Path) -> np.ndarray:
     """(h, w, 3): red, and 2 value - 1 of green and blue."""
     image = bpy.data.images.load(str(path))
