@@ -48,7 +48,6 @@ _WHOLE = 0.9999
 # Texels of a side that grain is drawn of at once; how far texels reach that are made larger, and
 # columns by which that is found.
 _PIECE, _NEAR, _COLUMNS = 1024, 5, 12
-_PIECE, _NEAR, _COLUMNS = 1024, 5, 12
 
 
 def with_detail(
