@@ -177,8 +177,8 @@ def _traced(device: Device, scan: _Scan) -> _Found:
     with working("measuring the residual"):
         work = Workspace(device)
         left = {
-            udim: Left.of(work, relief, found.residual[udim], found.charts[udim])
-            for udim, relief in sorted(scan.relief.maps.items())
+            udim: Left.of(work, scan.relief.maps[udim], found.residual[udim], inside)
+            for udim, inside in sorted(found.charts.items())
         }
     return _Found(found, scan.settings, left)
 
@@ -222,9 +222,10 @@ def _for_bake(scan: _Scan) -> dict[str, Any]:
     from rhytid.tracing.trace import traced_settings
 
     shape = scan.settings.shape
-    drawn = asdict(traced_settings(scan.settings, scan.relief.detail > 0.0).shape)
+    relief = scan.relief
+    drawn = asdict(traced_settings(scan.settings, relief.detail > 0.0, relief.filled).shape)
     other = {name: value for name, value in drawn.items() if value != getattr(shape, name)}
-    no_more = {"grain": 0.0, "undulation": 0.0}
+    no_more = {name: drawn[name] for name in ("grain", "undulation")}
     return {**scan.given, "shape": {**scan.given.get("shape", {}), **no_more, **other}}
 
 

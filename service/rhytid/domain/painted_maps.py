@@ -142,10 +142,7 @@ class Stiffness:
         map = self.maps.get(udim)
         if map is None:
             return None
-        left, right, x = neighbour_texels(texel_centres(column, count, side), map.shape[1])
-        top, bottom, y = neighbour_texels(texel_centres(row, count, side), map.shape[0])
-        rows = [mix(shares(map[i][:, left]), shares(map[i][:, right]), x) for i in (top, bottom)]
-        found = mix(rows[0], rows[1], y[:, None])
+        found = texels_of(map, side, row, column, count)
         return None if (found == NEUTRAL).all() else found
 
 
@@ -174,6 +171,15 @@ def bilinear(
     top, bottom, y = neighbour_texels(1.0 - local[:, 1].astype(np.float64), map.shape[0])
     rows = [mix(meaning(map[i, left]), meaning(map[i, right]), x) for i in (top, bottom)]
     return mix(rows[0], rows[1], y)
+
+
+def texels_of(map: Map, side: int, row: int, column: int, count: int) -> Shares:
+    """(count, count) bilinear values of a map at the texel centres of one of `side` texels, from
+    (row, column) on."""
+    left, right, x = neighbour_texels(texel_centres(column, count, side), map.shape[1])
+    top, bottom, y = neighbour_texels(texel_centres(row, count, side), map.shape[0])
+    rows = [mix(shares(map[i][:, left]), shares(map[i][:, right]), x) for i in (top, bottom)]
+    return mix(rows[0], rows[1], y[:, None])
 
 
 def neighbour_texels(

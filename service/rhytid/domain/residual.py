@@ -26,6 +26,7 @@ Heights = NDArray[np.float32]
 MOST_TEXELS = 2**28
 _CODES = _LOWEST, _HIGHEST = -32768, 32767
 _STEP, _NOISE, _END, _DETAIL = ".step", "noise", ".end", "detail"
+_DENIED, _BORDER = ".denied", "border"
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,13 +118,23 @@ class ScanRelief:
     maps: (R, R) float32 of each UDIM, mesh units, row 0 at the top.  noise: the least from texel to
     texel, mesh units, as of rounding to codes.  ends: texels per side, below R, that hold all that
     the scan has, of UDIMs where that is so.  detail: how much of the spectrum is to go on below
-    these, from 0 to 1. Raises as `Residual`.
+    these, from 0 to 1.  denied: of UDIMs of which a part is left out a map, of any size, that is
+    not 0 where there are to be no lines of the scan.  border: 0, and the scan stays there as it is;
+    else how far from there, and from UDIMs without a map, it is whole, mesh units, and grown skin
+    fills in. Raises as `Residual`.
     """
 
     maps: Mapping[int, Heights]
     noise: float = 0.0
     ends: Mapping[int, int] = field(default_factory=dict)
     detail: float = 0.0
+    denied: Mapping[int, NDArray[np.uint8]] = field(default_factory=dict)
+    border: float = 0.0
+
+    @property
+    def filled(self) -> bool:
+        """Whether grown skin fills in where there is no scan."""
+        return self.border > 0.0
 
     def __post_init__(self) -> None:
         fixed = {u: _fixed(map, u, np.float32) for u, map in sorted(self.maps.items())}
@@ -137,19 +148,22 @@ class ScanRelief:
         if self.detail > 0.0:
             found[_DETAIL] = np.array([self.detail], np.float64)
             found |= {f"{u}{_END}": np.array([end], np.int64) for u, end in self.ends.items()}
-        return found
+        if self.filled:
+            found[_BORDER] = np.array([self.border], np.float64)
+        return found | {f"{u}{_DENIED}": map for u, map in self.denied.items()}
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> ScanRelief:
         """The inverse of `arrays`."""
         maps = {int(name): map for name, map in arrays.items() if name.isdecimal()}
-        ends = {
-            int(name.removesuffix(_END)): int(end[0])
-            for name, end in arrays.items()
-            if name.endswith(_END)
-        }
-        detail = float(arrays[_DETAIL][0]) if _DETAIL in arrays else 0.0
-        return cls(maps, float(arrays[_NOISE][0]), ends, detail)
+        ends, denied = (
+            {int(n.removesuffix(end)): arrays[n] for n in arrays if n.endswith(end)}
+            for end in (_END, _DENIED)
+        )
+        noise, detail, border = (
+            float(arrays[name][0]) if name in arrays else 0.0 for name in (_NOISE, _DETAIL, _BORDER)
+        )
+        return cls(maps, noise, {u: int(end[0]) for u, end in ends.items()}, detail, denied, border)
 
     def check(self, udims: Sequence[int], resolution: int) -> None:
         """As `Residual.check`."""

@@ -49,6 +49,8 @@ class ScanSettings:
     detail: how much grain goes on where the scan ends, from 0, none, to 1, without a step in its
     spectrum, counted from where that falls away, if only within the texels of the map; None is 1
     below these, so that what they hold stays.
+    fill: width of the border, in the unit of `scale`, over which grown skin fills in where the map
+    is flat, masked out or missing; None or 0 for none. With it there is no detail.
 
     Raises SettingsError naming the setting that cannot be used.
     """
@@ -59,6 +61,7 @@ class ScanSettings:
     flip: str | None = None
     partial: bool = False
     detail: float | None = None
+    fill: float | None = None
 
     def __post_init__(self) -> None:
         if self.scale is not None:
@@ -75,6 +78,10 @@ class ScanSettings:
             raise SettingsError(f"scan.flip is {self.flip!r}: one of {', '.join(FLIPS)}")
         if self.detail is not None and not 0.0 <= self.detail <= 1.0:
             raise SettingsError(f"scan.detail is {self.detail}: from 0 to 1")
+        if self.fill is not None and not 0.0 <= self.fill < math.inf:
+            raise SettingsError(f"scan.fill is {self.fill}: a width, 0 for none")
+        if self.fill and self.detail:
+            raise SettingsError("scan.fill and scan.detail: grain has one size, use one of them")
 
     @classmethod
     def parse(cls, data: Any) -> ScanSettings:
@@ -94,8 +101,9 @@ class ScanSettings:
                 raise SettingsError(f"scan.scale is {scale!r}: a number, or three in a list")
         if not (isinstance(given.get("midlevel", ""), str) or _is_number(given["midlevel"])):
             raise SettingsError(f"scan.midlevel is {given['midlevel']!r}: a number, or {AUTO!r}")
-        if not _is_number(given.get("detail", 0.0)):
-            raise SettingsError(f"scan.detail is {given['detail']!r}: a number from 0 to 1")
+        for name, wanted in (("detail", "a number from 0 to 1"), ("fill", "a width")):
+            if not _is_number(given.get(name, 0.0)):
+                raise SettingsError(f"scan.{name} is {given[name]!r}: {wanted}")
         for name, kind in (("unit", str), ("flip", str), ("partial", bool)):
             if not isinstance(given.get(name, kind()), kind):
                 wanted = "true or false" if kind is bool else "a string"
@@ -120,6 +128,11 @@ class ScanSettings:
             raise SettingsError(_other_count(name, channels, found))
         factor = self._mesh_units(unit)
         return tuple(factor * one for one in found)
+
+    def border(self, unit: str) -> float:
+        """The width of the border, mesh units; 0 where nothing fills in.  unit: of the mesh. Raises
+        SettingsError where that has no known length and the scale another."""
+        return (self.fill or 0.0) * self._mesh_units(unit)
 
     def _mesh_units(self, unit: str) -> float:
         """Mesh units in one unit of the scale."""

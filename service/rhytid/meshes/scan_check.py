@@ -8,8 +8,8 @@ are measured from its values.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import PurePath
 from typing import Any
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import MESH_UNITS, MILLIMETRES, millimetres
 from rhytid.domain.mesh import Mesh, add_centre
+from rhytid.domain.painted_maps import texels_of
 from rhytid.domain.residual import Residual, ScanRelief
 from rhytid.domain.scan import Scan, ScanMap, ScanSettings
 from rhytid.domain.spectra import shortest_wave
@@ -42,7 +43,15 @@ from rhytid.domain.warnings import (
 )
 from rhytid.errors import InputError
 from rhytid.meshes.scan_samples import Seams, SurfaceSamples
-from rhytid.meshes.scan_values import AS_IT_IS, best_turn, blocks_of, levels_of, noise_of
+from rhytid.meshes.scan_values import (
+    AS_IT_IS,
+    MASK_SIDE,
+    best_turn,
+    blocks_of,
+    flat_parts,
+    levels_of,
+    noise_of,
+)
 from rhytid.meshes.scans import Background, charts
 
 FloatArray = NDArray[np.float64]
@@ -53,6 +62,8 @@ _FLIPS = {"top to bottom": "v", "left to right": "u", "half a turn": "uv"}
 LEAST_RESOLUTION = 256
 # Texels per side of which the spectrum of a map can be told.
 LEAST_END = 64
+# Greys below are masked out. The share of the depth of a map that what is flat may differ by.
+_BLACK, _FLAT = 0.5, 1e-3
 _IMPERIAL = ("in", "ft")
 
 
@@ -108,13 +119,15 @@ class MapFacts:
 class ScanCheck:
     """A scan on its mesh, and the findings about it.
 
-    unit: of the mesh.  settings: what the caller said of the scan.
+    unit: of the mesh.  settings: what the caller said of the scan.  masks: painted, of UDIMs of
+    which a part is left out, which is black.
     """
 
     scan: Scan
     mesh: Mesh
     unit: str
     settings: ScanSettings
+    masks: Mapping[int, NDArray[Any]] = field(default_factory=dict)
 
     def resolution(self) -> int:
         """Texels per side to trace it at where nothing is said: the power of two from the longest
@@ -131,9 +144,26 @@ class ScanCheck:
             raise InputError("there is no relief in the scan: every texel has the same value")
         steps = (one.step for one in self.maps if one.levels is not None)
         noise = max(steps, default=0.0) / math.sqrt(12.0)
-        ends = {} if self.settings.detail == 0.0 else self._ends(resolution)
+        border = self.settings.border(self.unit)
+        ends = {} if self.settings.detail == 0.0 or border else self._ends(resolution)
         usual = 1.0 if self.settings.detail is None else self.settings.detail
-        return ScanRelief(reliefs, noise, ends, usual if ends else 0.0)
+        denied = self._denied(border)
+        return ScanRelief(reliefs, noise, ends, usual if ends else 0.0, denied, border)
+
+    def _denied(self, border: float) -> dict[int, NDArray[np.uint8]]:
+        """Where UDIMs are masked out, and where skin fills in also where they are flat."""
+        found = {}
+        for one in self.maps:
+            parts = []
+            if one.udim in self.masks:
+                parts.append(texels_of(self.masks[one.udim], MASK_SIDE, 0, 0, MASK_SIDE) < _BLACK)
+            if border:
+                radius = border / 2.0 / one.texel / max(one.width, one.height)
+                flat = max(1.5 * one.step if one.levels is not None else 0.0, _FLAT * one.depth)
+                parts.append(flat_parts(self.scan.relief(one.udim), radius, flat))
+            if parts and (denied := np.any(parts, axis=0)).any():
+                found[one.udim] = denied.astype(np.uint8)
+        return found
 
     def _ends(self, resolution: int) -> dict[int, int]:
         """Texels per side that hold what each map has, where these are fewer than `resolution`: as

@@ -7,6 +7,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from rhytid.domain.scan import Codes, full_range
@@ -32,6 +33,8 @@ TURNS = {
     "three quarter turns and left to right": (3, True),
 }
 AS_IT_IS = "as it is"
+# Cells a side of masks of what is flat, for maps that have as many texels.
+MASK_SIDE = 1024
 
 
 def levels_of(channel: Codes) -> tuple[int | None, float, int | None]:
@@ -71,6 +74,27 @@ def noise_of(channel: Codes) -> float:
     both = down[:, :-2] - 2.0 * down[:, 1:-1] + down[:, 2:]
     size = np.abs(both[both != 0.0])
     return float(np.median(size)) / 0.6745 / 6.0 / full_range(channel) if size.size else 0.0
+
+
+def flat_parts(relief: NDArray[np.float32], radius: float, most: float) -> NDArray[np.bool_]:
+    """(MASK_SIDE, MASK_SIDE) which cells lie in squares that are flat.
+
+    relief (H, W).  radius: half of the side of a square at least, as a share of that of the map.
+    most: how far heights in it may differ.
+    """
+    ends = [relief, relief]
+    for axis, size in enumerate(relief.shape):
+        starts = np.arange(MASK_SIDE) * size // MASK_SIDE
+        # Of a map of fewer texels those come several times.
+        ends = [
+            ufunc.reduceat(one, starts, axis=axis)
+            for ufunc, one in zip((np.minimum, np.maximum), ends, strict=True)
+        ]
+    side = 2 * max(round(radius * MASK_SIDE), 1) + 1
+    low = scipy.ndimage.minimum_filter(ends[0], side)
+    flat = scipy.ndimage.maximum_filter(ends[1], side) - low <= most
+    found: NDArray[np.bool_] = scipy.ndimage.maximum_filter(flat, side)
+    return found
 
 
 def blocks_of(channel: Codes) -> float:

@@ -72,14 +72,16 @@ def with_detail(
     assert found.graph.origin is not None  # a traced graph says what it was made for
     origin, factors = replace(found.graph.origin, grain_size=size), {}
     for udim in scan.ends:
-        even = _grain(device, mesh, scan, found, drawn, udim)
+        lines = scan.maps[udim] - found.residual[udim]
+        even = grain_at_rest(device, mesh, found.graph, lines, drawn, udim)
         factors[udim] = scan.detail * _factors(scan, udim, even, found.charts[udim])
     graph = replace(found.graph, origin=origin, node_grain=_at_nodes(found.graph, factors))
-    found, residual = replace(found, graph=graph), dict(found.residual)
+    residual = dict(found.residual)
     for udim, side in scan.ends.items():
-        grain = _grain(device, mesh, scan, found, drawn, udim)
+        lines = scan.maps[udim] - found.residual[udim]
+        grain = grain_at_rest(device, mesh, graph, lines, drawn, udim)
         residual[udim] = residual[udim] - seen(grain, side)
-    return replace(found, residual=residual)
+    return replace(found, graph=graph, residual=residual)
 
 
 def seen(grain: Relief, side: int) -> Relief:
@@ -110,22 +112,24 @@ def texels_of(map: Relief, side: int) -> Relief:
     return means.astype(np.float32)
 
 
-def _grain(
+def grain_at_rest(
     device: Device,
     mesh: Mesh,
-    scan: ScanRelief,
-    found: Trace,
+    graph: WrinkleGraph,
+    lines: Relief,
     settings: AssetSettings,
     udim: int,
 ) -> Relief:
-    """(R, R) the grain that is drawn at rest, mesh units: as high as the graph says, less in
-    furrows (grain.clh)."""
+    """(R, R) grain and undulation that are drawn at rest, mesh units: as high as the graph says,
+    less in furrows (grain.clh).
+
+    lines (R, R): what it draws without them.  settings: resolved, with some of them.
+    """
     assert settings.depth is not None
-    codes = _codes(device, mesh, found.graph, settings, udim)
-    lines = (scan.maps[udim] - found.residual[udim]) * np.float32(1.0 / settings.depth)
-    lines += np.float32(1.0)
+    codes = _codes(device, mesh, graph, settings, udim)
+    left = lines * np.float32(1.0 / settings.depth) + np.float32(1.0)
     grain = codes * np.float32(grain_amplitude(settings))
-    shown: Relief = grain * np.clip(lines, 0.25, 1.0, out=lines)
+    shown: Relief = grain * np.clip(left, 0.25, 1.0, out=left)
     return shown
 
 
@@ -134,11 +138,12 @@ def _codes(
 ) -> NDArray[np.int8]:
     """(R, R) the codes of the grain."""
     side = settings.resolution
-    assert graph.node_triangle is not None
+    assert graph.node_triangle is not None  # as of all that is grown or traced
     piece, codes = min(side, _PIECE), np.empty((side, side), np.int8)
     with device.task_or_steps():
         shares = relief_shares(mesh, graph, graph.node_triangle)
-        planes = GrainPlanes(device, mesh, settings, shares)
+        wave = None if graph.origin is None else graph.origin.patch_size_in(settings.length_unit)
+        planes = GrainPlanes(device, mesh, settings, shares, wave)
         located = UdimTriangles(device, mesh, udim, side, settings.padding)
         for row, column in product(range(0, side, piece), repeat=2):
             cancellation.check()

@@ -14,12 +14,17 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.residual import ScanRelief
 from rhytid.domain.tiles import mesh_udims
 from rhytid.errors import InputError
-from rhytid.synthesis.progress import Progress, silent
+from rhytid.synthesis.generate import synthesize
+from rhytid.synthesis.progress import Progress, part, silent
 from rhytid.synthesis.workspace import Caller, Workspace, directly
 from rhytid.tracing.detail import with_detail
 from rhytid.tracing.fit import drawn_neutral
 from rhytid.tracing.measure import depth_of, fine_part
+from rhytid.tracing.mixed import Growth, ScanShares, denied_of, mixed
 from rhytid.tracing.trace import Trace, TraceSettings, charted, trace, traced_settings
+
+# How much of the work is done when skin is grown that fills in.
+_GROWN = 0.3
 
 
 def traced_scan(
@@ -29,18 +34,24 @@ def traced_scan(
     settings: AssetSettings,
     progress: Progress = silent,
     call: Caller = directly,
+    growth: Growth | None = None,
 ) -> Trace:
     """Trace a scan. The depth of a line of weight 1, which the graph then says, is measured where
     settings do not say it.
 
-    UDIMs of the mesh without a map stay as they are at rest.
+    UDIMs of the mesh without a map stay as they are at rest, unless grown skin fills in.
 
-    settings: not resolved.  progress, call: as of `trace`. Raises InputError where there is
-    nothing to trace, and what `trace` does.
+    settings: not resolved.  progress, call: as of `trace`.  growth: what skin grows by that fills
+    in. Raises InputError where there is nothing to trace, and what `trace` and `synthesize` do.
     """
+    if scan.filled:
+        return _filled(device, mesh, scan, settings, progress, call, growth or Growth())
     spacing = settings.graph.spacing or usual_spacing(settings.length_unit)
     progress(0.0, "measuring")
-    charts = {udim: charted(device, mesh, udim, settings) for udim in scan.maps}
+    charts = {
+        udim: charted(device, mesh, udim, settings) & ~denied_of(scan, udim, settings.resolution)
+        for udim in scan.maps
+    }
     depth = settings.depth or _depth(Workspace(device, call), scan, charts)
     if depth == 0.0:
         raise InputError("there are no lines in the scan: its charts have no fine relief")
@@ -50,6 +61,41 @@ def traced_scan(
     if scan.detail > 0.0:
         found = with_detail(device, mesh, scan, found, resolved, settings.shape.grain_size)
     return replace(found, residual=found.residual | _beyond(device, mesh, scan, found, resolved))
+
+
+def _filled(
+    device: Device,
+    mesh: Mesh,
+    scan: ScanRelief,
+    settings: AssetSettings,
+    progress: Progress,
+    call: Caller,
+    growth: Growth,
+) -> Trace:
+    """Trace a scan, and let skin grow where there is none."""
+    settings = settings.for_synthesis()
+    grown = synthesize(
+        mesh, settings.graph, device, part(progress, 0.0, _GROWN), call=call,
+        controls=growth.controls, folds=growth.folds, unit=settings.length_unit,
+    )  # fmt: skip
+    progress(_GROWN, "measuring")
+    shares = ScanShares.of(device, mesh, scan, settings.resolution)
+    charts = {
+        udim: charted(device, mesh, udim, settings) & (shares.texels(udim, settings.resolution) > 0)
+        for udim in scan.maps
+    }
+    maps = {udim: map for udim, map in scan.maps.items() if charts[udim].any()}
+    if not maps:
+        raise InputError("there is nothing to trace: the scan is flat or masked out throughout")
+    scan = replace(scan, maps=maps)
+    depth = settings.depth or max(
+        grown.lengths.depth, _depth(Workspace(device, call), scan, charts)
+    )
+    resolved = replace(settings, depth=depth).resolved(grown.spacing)
+    how = TraceSettings(spacing=grown.spacing, noise=scan.noise)
+    found = trace(device, mesh, maps, resolved, how, part(progress, _GROWN, 1.0), call, charts)
+    drawn = grown.graph, settings.depth or grown.lengths.depth
+    return mixed(device, mesh, scan, found, drawn, shares, resolved)
 
 
 def _depth(work: Workspace, scan: ScanRelief, charts: dict[int, NDArray[np.bool_]]) -> float:

@@ -148,16 +148,22 @@ def trace(
     return Trace(graph, residual, left, noise, dict(charts))
 
 
-def traced_settings(settings: AssetSettings, detailed: bool = False) -> AssetSettings:
+def traced_settings(
+    settings: AssetSettings, detailed: bool = False, filled: bool = False
+) -> AssetSettings:
     """The settings with which a traced graph is drawn: these, without grain and undulation, and
     where lines would be straight and even (`curvature` and `taper` of 0, as in the preset `paper`)
     with those that the scan has.
 
-    detailed: with grain, of which the graph says how much of it there is.
+    detailed: with grain, of which the graph says how much of it there is.  filled: with that and
+    the undulation of the settings, for grown skin in it.
     """
     shape = settings.shape
-    grain, curvature, taper = DETAIL_GRAIN * detailed, shape.curvature or 1.0, shape.taper or 1.0
-    shape = replace(shape, grain=grain, undulation=0.0, curvature=curvature, taper=taper)
+    grain, undulation = DETAIL_GRAIN * detailed, 0.0
+    if filled:
+        grain, undulation = shape.grain, shape.undulation
+    curvature, taper = shape.curvature or 1.0, shape.taper or 1.0
+    shape = replace(shape, grain=grain, undulation=undulation, curvature=curvature, taper=taper)
     return replace(settings, shape=shape)
 
 

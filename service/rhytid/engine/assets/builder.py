@@ -38,6 +38,7 @@ from rhytid.synthesis.build_size import BuildSize
 from rhytid.synthesis.generate import Synthesis, synthesize
 from rhytid.synthesis.workspace import Workspace
 from rhytid.tracing.measure import Left, spread
+from rhytid.tracing.mixed import Growth
 from rhytid.tracing.scan import traced_scan
 from rhytid.tracing.trace import Trace
 
@@ -250,7 +251,7 @@ class AssetBuilder:
         with self._on_device.in_steps():
             found = traced_scan(
                 self._device, request.mesh, scan, request.settings, report,
-                self._on_device.run_patiently,
+                self._on_device.run_patiently, Growth(request.controls, request.folds),
             )  # fmt: skip
             asset.warnings += self._left(scan, found)
         for udim in asset.udims:
@@ -262,6 +263,8 @@ class AssetBuilder:
         work = Workspace(self._device, self._on_device.run_patiently)
         warnings: list[InputWarning] = []
         for udim, relief in scan.maps.items():
+            if udim not in found.charts:  # all of it is grown
+                continue
             residual, inside = found.residual[udim], found.charts[udim]
             # The fine part takes long: it is looked at where much is left.
             if spread(residual, inside) > _MUCH_LEFT * spread(relief, inside):

@@ -57,7 +57,7 @@ class CheckedUpload:
         if not udims:
             raise MeshError("no triangle lies in a UDIM: u goes from 0 to 10, v from 0 up")
         if new.scan is not None:
-            new, expressions, wrinkles = _to_trace(new), None, MOST_WRINKLES
+            new, expressions, wrinkles = _to_trace(new, memory)
         elif new.graph is None:
             new, expressions, wrinkles = _to_grow(new, memory)
         else:
@@ -75,7 +75,7 @@ class CheckedUpload:
                 *mesh_warnings(new.mesh, settings.length_unit, settings.resolution, udims),
                 *new.noted,
             ),
-            unused=() if new.graph is None and new.scan is None else settings_unused(settings),
+            unused=() if _grows(new) else settings_unused(settings),
         )
 
     @property
@@ -94,7 +94,9 @@ class CheckedUpload:
 def content_id(new: NewAsset) -> str:
     """The id that an upload will have; checks nothing of it."""
     if new.scan is not None:
-        settings, expressions = _to_trace(new).settings, None
+        settings, expressions = _traced_settings(new), None
+        if new.scan.filled:
+            expressions = expressions_for_lines(settings.graph.lines, new.shapes)
     elif new.graph is not None:
         settings, expressions = new.settings.for_graph(new.graph.origin), None
     else:
@@ -110,10 +112,26 @@ def _id(new: NewAsset, expressions: Expressions | None) -> str:
     )  # fmt: skip
 
 
-def _to_trace(new: NewAsset) -> NewAsset:
-    """The upload of a scan, with settings that its traced graph is drawn with."""
-    detailed = new.scan is not None and new.scan.detail > 0.0
-    return replace(new, settings=traced_settings(new.settings.for_graph(None), detailed))
+def _grows(new: NewAsset) -> bool:
+    """Whether skin grows: all of it, or where a scan has none."""
+    return new.graph is None if new.scan is None else new.scan.filled
+
+
+def _to_trace(new: NewAsset, memory: int) -> tuple[NewAsset, Expressions | None, int]:
+    """The upload of a scan, with settings that its traced graph is drawn with; what `_to_grow` has
+    of skin that fills in."""
+    traced = replace(new, settings=_traced_settings(new))
+    if not _grows(new):
+        return traced, None, MOST_WRINKLES
+    _, expressions, _ = _to_grow(new, memory)
+    return traced, expressions, MOST_WRINKLES
+
+
+def _traced_settings(new: NewAsset) -> AssetSettings:
+    assert new.scan is not None
+    filled, settings = new.scan.filled, new.settings
+    settings = settings.for_synthesis() if filled else settings.for_graph(None)
+    return traced_settings(settings, new.scan.detail > 0.0, filled)
 
 
 def _settings_of(
@@ -147,7 +165,7 @@ def _check_painted(new: NewAsset, udims: tuple[int, ...]) -> None:
         raise InputError("a residual is what a traced graph does not draw: send that, too")
     if new.scan is not None and new.graph is not None:
         raise InputError("a graph and a scan, of which one is traced: send one of them")
-    if new.controls is not None and (new.graph is not None or new.scan is not None):
+    if new.controls is not None and not _grows(new):
         names, sent = ", ".join(new.controls.maps), "scan" if new.graph is None else "graph"
         raise InputError(f"{names}: maps that guide synthesis; a {sent} was sent")
 

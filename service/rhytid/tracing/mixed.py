@@ -1,0 +1,294 @@
+"""Mixed skin: where a scan is flat, masked out or missing, grown skin fills in, with a soft border.
+
+    graph = traced lines times share + grown lines times (1 - share)
+    residual = share · (scan - drawn(graph, neutral))
+
+The share of the scan is 1 from the border on: there the skin at rest is the scan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from rhytid.device.runtime import Device
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.expressions import Folds
+from rhytid.domain.graph import ORIGINAL, WrinkleGraph
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.painted_maps import Controls, bilinear, texels_of
+from rhytid.domain.residual import ScanRelief
+from rhytid.domain.tiles import mesh_udims, texel_centres, udim_origin, udims_at
+from rhytid.domain.uv_layout import mean_uv_length
+from rhytid.pipeline.grain import relief
+from rhytid.support import cancellation
+from rhytid.tracing.detail import grain_at_rest
+from rhytid.tracing.fit import drawn_neutral
+from rhytid.tracing.trace import Trace, shown, traced_settings
+
+Shares = NDArray[np.float32]
+Arrays = dict[str, NDArray[Any]]
+# Cells a side on which the share of a scan is found, and cells around charts.
+_CELLS, _AROUND = 1024, 2
+# What elements have where the arrays of a graph lack it; the rest is made of others.
+_USUAL = {
+    "node_grain": 1.0,
+    "node_undulation": 1.0,
+    "node_patchiness": 0.0,
+    "node_kind": 0,
+    "node_copy_of": ORIGINAL,
+    "edge_copy_of": ORIGINAL,
+    "edge_partners": -1,
+    "edge_share": 1.0,
+    "edge_slopes": 0.0,
+    "edge_metric": 0.0,
+}
+
+
+@dataclass(frozen=True)
+class Growth:
+    """What skin grows by that fills in: painted maps, and the folds of expressions."""
+
+    controls: Controls | None = None
+    folds: Folds | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ScanShares:
+    """How much of the skin is the scan, of each UDIM of a mesh: cells (G, G) from 0 to 1."""
+
+    cells: Mapping[int, Shares]
+
+    @classmethod
+    def of(cls, device: Device, mesh: Mesh, scan: ScanRelief, resolution: int) -> ScanShares:
+        """Those of a scan with a border, by the distance in space from where it is denied."""
+        side = min(_CELLS, resolution)
+        places, denied = {}, {}
+        for udim in mesh_udims(mesh):
+            cancellation.check()
+            places[udim] = _places(mesh, udim, shown(device, mesh, udim, side, _AROUND))
+            denied[udim] = denied_of(scan, udim, side)
+        rims = [places[u][_rim(denied[u], places[u])] for u in places]
+        tree = scipy.spatial.cKDTree(np.concatenate(rims))
+        return cls({u: _shares(tree, places[u], denied[u], scan.border) for u in places})
+
+    def texels(self, udim: int, resolution: int) -> Shares:
+        """(R, R) of a UDIM."""
+        return texels_of(self.cells[udim], resolution, 0, 0, resolution)
+
+    def nodes(self, graph: WrinkleGraph) -> Shares:
+        """(N,) at the nodes of a graph; at copies that of what they are copies of."""
+        found = np.zeros(graph.pores, np.float32)
+        of = udims_at(graph.node_uv.astype(np.float64))
+        for udim, cells in self.cells.items():
+            here = of == udim
+            local = graph.node_uv[here] - np.array(udim_origin(udim), np.float32)
+            found[here] = bilinear(cells, local)
+        of_originals: Shares = found[graph.original_nodes(np.arange(graph.pores))]
+        return of_originals
+
+
+def denied_of(scan: ScanRelief, udim: int, side: int) -> NDArray[np.bool_]:
+    """(side, side) where a UDIM has no scan: all of one without a map."""
+    if udim not in scan.maps:
+        return np.ones((side, side), np.bool_)
+    if udim not in scan.denied:
+        return np.zeros((side, side), np.bool_)
+    map = scan.denied[udim]
+    rows, columns = ((texel_centres(0, side, side) * n).astype(np.int64) for n in map.shape)
+    found: NDArray[np.bool_] = map[rows[:, None], columns] != 0
+    return found
+
+
+def mixed(
+    device: Device,
+    mesh: Mesh,
+    scan: ScanRelief,
+    found: Trace,
+    grown: tuple[WrinkleGraph, float],
+    shares: ScanShares,
+    settings: AssetSettings,
+) -> Trace:
+    """What was traced and what was grown as one.
+
+    grown: a graph, and the depth that it is drawn with.  settings: resolved, with which the scan
+    was traced.
+    """
+    graph, depth = grown
+    assert settings.depth is not None
+    both = _together(
+        _of_scan(found.graph, shares),
+        _of_grown(mesh, graph, shares, scan.border, depth / settings.depth),
+    )
+    assert found.graph.origin is not None  # of what is traced
+    patch = None if graph.origin is None else graph.origin.patch_size
+    whole = WrinkleGraph(**both, origin=replace(found.graph.origin, patch_size=patch))
+    drawn, residual, charts = traced_settings(settings, filled=True), {}, {}
+    for udim, map in scan.maps.items():
+        rest = drawn_neutral(device, whole, drawn, udim)
+        if relief(drawn) > 0.0:
+            rest += grain_at_rest(device, mesh, whole, rest, drawn, udim)
+        share = shares.texels(udim, settings.resolution)
+        residual[udim] = share * (map - rest)
+        charts[udim] = found.charts[udim] & (share == 1.0)
+    return replace(found, graph=whole, residual=residual, charts=charts)
+
+
+def _places(mesh: Mesh, udim: int, triangles: NDArray[np.int32]) -> NDArray[np.float32]:
+    """(G, G, 3) where the middles of cells are in space, NaN without a triangle; outside of theirs
+    its plane goes on."""
+    side = len(triangles)
+    found = np.full((side, side, 3), np.nan, np.float32)
+    row, column = np.nonzero(triangles < len(mesh.faces))
+    at = triangles[row, column]
+    uv = np.stack([(column + 0.5) / side, 1.0 - (row + 0.5) / side], axis=1) + udim_origin(udim)
+    corners, places = mesh.triangle_uv()[at], mesh.positions[mesh.faces[at]].astype(np.float64)
+    edges = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
+    share = np.linalg.solve(edges, (uv - corners[:, 0])[..., None])
+    found[row, column] = places[:, 0] + np.sum(share * (places[:, 1:] - places[:, :1]), axis=1)
+    return found
+
+
+def _rim(denied: NDArray[np.bool_], places: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Cells of what is denied that others, or the end of a chart, lie next to."""
+    there = np.isfinite(places[..., 0])
+    rim: NDArray[np.bool_] = denied & there
+    rim &= scipy.ndimage.binary_dilation(~denied | ~there, iterations=1)
+    return rim
+
+
+def _shares(
+    tree: scipy.spatial.cKDTree,
+    places: NDArray[np.float32],
+    denied: NDArray[np.bool_],
+    border: float,
+) -> Shares:
+    there = np.isfinite(places[..., 0])
+    found = np.zeros(denied.shape, np.float32)
+    asked = there & ~denied
+    if tree.n:
+        far, _ = tree.query(places[asked], distance_upper_bound=border)
+        along = np.minimum(far / border, 1.0)
+        found[asked] = along * along * (3.0 - 2.0 * along)
+    else:
+        found[asked] = 1.0
+    near = scipy.ndimage.distance_transform_edt(~there, return_distances=False, return_indices=True)
+    filled: Shares = found[tuple(near)]
+    return filled
+
+
+def _of_scan(graph: WrinkleGraph, shares: ScanShares) -> Arrays:
+    """The arrays of what was traced, as deep as the scan counts, and without grain."""
+    none = np.zeros(graph.pores, np.float32)
+    return _faded(graph, shares.nodes(graph)) | {"node_grain": none, "node_undulation": none}
+
+
+def _of_grown(
+    mesh: Mesh, graph: WrinkleGraph, shares: ScanShares, border: float, depth: float
+) -> Arrays:
+    """The arrays of what was grown, as deep as the scan does not count.
+
+    depth: of a line of strength 1, in those of the scan, at most 1. Events are left out where they
+    would be seen in the scan.
+    """
+    share = np.float32(1.0) - shares.nodes(graph)
+    strength = share.copy()
+    if graph.node_kind is not None:
+        reach = (
+            graph.node_radius
+            * np.array([mean_uv_length(mesh, int(u)) for u in shares.cells], np.float32).max()
+        )
+        strength[(graph.node_kind > 0) & ((share < 1.0) | (reach > border))] = 0.0
+    arrays = _faded(graph, strength * np.float32(depth))
+    for name in ("node_grain", "node_undulation"):
+        given = arrays.get(name, np.ones(graph.pores, np.float32))
+        arrays[name] = given * np.float32(depth)
+    return arrays
+
+
+def _faded(graph: WrinkleGraph, share: Shares) -> Arrays:
+    """The arrays of a graph whose strengths are times a share at each node."""
+    arrays, ends = graph.arrays(), share[graph.edge_nodes]
+    arrays["node_weight"] = arrays["node_weight"] * share
+    arrays["edge_weight"] = arrays["edge_weight"] * ends.mean(axis=1)
+    if "edge_end_weights" in arrays:
+        arrays["edge_end_weights"] = arrays["edge_end_weights"] * ends
+    return _without_strength(arrays)
+
+
+def _without_strength(arrays: Arrays) -> Arrays:
+    """Without wrinkles of no strength, and without nodes that neither have any nor end one."""
+    edges = _with_originals(arrays["edge_weight"] > 0.0, arrays.get("edge_copy_of"))
+    nodes = arrays["node_weight"] > 0.0
+    nodes[arrays["edge_nodes"][edges]] = True
+    nodes = _with_originals(nodes, arrays.get("node_copy_of"))
+    found = {n: a[edges if n.startswith("edge") else nodes] for n, a in arrays.items()}
+    for name, kept in (("edge_nodes", nodes), ("node_copy_of", nodes), ("edge_copy_of", edges)):
+        if name in found:
+            found[name] = _renumbered(found[name], kept)
+    if "edge_partners" in found:
+        found["edge_partners"] = _renumbered(found["edge_partners"], edges)
+    return found
+
+
+def _with_originals(
+    kept: NDArray[np.bool_], copy_of: NDArray[np.int32] | None
+) -> NDArray[np.bool_]:
+    """What is kept, and what that is copies of."""
+    if copy_of is not None:
+        first = copy_of[kept]
+        kept = kept.copy()
+        kept[first[first != ORIGINAL]] = True
+    return kept
+
+
+def _renumbered(rows: NDArray[np.int32], kept: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Rows by their numbers among those that are kept; -1 for others, and where they are -1."""
+    number = np.where(kept, np.cumsum(kept) - 1, -1)
+    return np.where(rows >= 0, number[np.maximum(rows, 0)], -1).astype(np.int32)
+
+
+def _together(one: Arrays, other: Arrays) -> Arrays:
+    """The arrays of two graphs as one, with what either lacks."""
+    names = set(one) | set(other)
+    first, second = (_with_all(arrays, names) for arrays in (one, other))
+    counts = {"node": len(one["node_uv"]), "edge": len(one["edge_nodes"])}
+    refers = {
+        "edge_nodes": "node",
+        "node_copy_of": "node",
+        "edge_copy_of": "edge",
+        "edge_partners": "edge",
+    }
+    for name, of in refers.items():
+        if name in names:
+            rows = second[name]
+            second[name] = np.where(rows >= 0, rows + np.int32(counts[of]), rows)
+    return {name: np.concatenate([first[name], second[name]]) for name in names}
+
+
+def _with_all(arrays: Arrays, names: set[str]) -> Arrays:
+    """The arrays with those of `names` that they lack, which change nothing."""
+    found = dict(arrays)
+    for name in names - set(arrays):
+        count = len(arrays["node_uv" if name.startswith("node") else "edge_nodes"])
+        if name == "node_metric":
+            square = arrays["node_radius"] ** np.float32(-2.0)
+            found[name] = np.stack([square, np.zeros_like(square), square], axis=1)
+        elif name in ("edge_end_weights", "edge_end_half_widths"):
+            plain = arrays["edge_weight" if name.endswith("weights") else "edge_half_width"]
+            found[name] = np.stack([plain, plain], axis=1)
+        elif name in ("node_triangle", "edge_triangle"):
+            found[name] = np.full(count, -1, np.int32)
+        else:
+            usual, wide = (
+                _USUAL[name],
+                {"edge_metric": (3,), "edge_slopes": (2,), "edge_partners": (2,)},
+            )
+            kind = np.int32 if isinstance(usual, int) else np.float32
+            found[name] = np.full((count, *wide.get(name, ())), usual, kind)
+    return found
