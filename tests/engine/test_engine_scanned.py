@@ -7,6 +7,7 @@ from io import BytesIO
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from engine.engines import (
     QUERIES,
@@ -25,12 +26,13 @@ from reference import tracing as reference
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.residual import Residual, ScanRelief
 from rhytid.domain.scan import resampled
-from rhytid.domain.tiles import TileAddress
+from rhytid.domain.tiles import TileAddress, udim_origin
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.assets.upload import content_id
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import MapQuery, NewAsset
 from rhytid.errors import ConflictError, InputError
+from rhytid.pictures.raster import rasterize_uv
 
 MESH = sheet(udims=2)
 BENT = deform(MESH.positions, 3, 0.15)
@@ -249,6 +251,89 @@ def test_detail_leaves_the_means_of_the_scan_and_is_the_same_asset_again(tmp_pat
     with running(tmp_path) as engine:
         engine.frames.put(id, "bent", BENT)
         assert same(bent, [whole(engine, id, query, 1001) for query in QUERIES])
+
+
+BORDER = 0.05
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory):
+    """A scan of two UDIMs of four, the left third of the first masked out, in which skin grows; the
+    same skin without a scan; their maps at rest by UDIM, and how far each texel is from where there
+    is no scan."""
+    denied = np.zeros((SIDE, SIDE), np.uint8)
+    denied[:, : SIDE // 3] = 1
+    maps = {udim: relief(udim) for udim in (1001, 1012)}
+    scan = ScanRelief(maps, 1e-6, denied={1001: denied}, border=BORDER)
+    graph = {"spacing": 0.05, "seed": 3, "events": 0.0}
+    settings = new_asset(MESH, depth=0.06, preset="best", unit="mm", graph=graph).settings
+    with running(tmp_path_factory.mktemp("filled")) as engine:
+        sent = NewAsset(MESH, settings, scan=scan)
+        id, plain = built(engine, sent), built(engine, NewAsset(MESH, settings))
+        assert id == content_id(sent) == engine.assets.create(sent).id
+        assert "settings-unused" not in [w.code for w in engine.assets.create(sent).warnings]
+        rest = [
+            {u: engine.tiles.plan_map(one, "neutral", QUERIES[1], u, 0).draw() for u in UDIMS}
+            for one in (id, plain)
+        ]
+        yield maps, rest[0], rest[1], far_from_denied(denied), engine.assets.graph(id)
+
+
+def far_from_denied(denied: np.ndarray) -> dict[int, np.ndarray]:
+    """(SIDE, SIDE) distance in space to the nearest texel without a scan, in double; below 0 in
+    those, to the nearest with one; 0 outside of charts."""
+    scanned = {u: np.full((SIDE, SIDE), u == 1012) for u in UDIMS} | {1001: denied == 0}
+    seen = {u: rasterize_uv(MESH.triangle_uv() - udim_origin(u), SIDE) for u in UDIMS}
+    places = {u: s.smooth(MESH.positions[MESH.faces].astype(float)) for u, s in seen.items()}
+    without, having = (
+        cKDTree(np.concatenate([places[u][seen[u].covered & (scanned[u] == kept)] for u in UDIMS]))
+        for kept in (False, True)
+    )
+    return {
+        u: np.where(scanned[u], without.query(places[u])[0], -having.query(places[u])[0])
+        * seen[u].covered
+        for u in UDIMS
+    }
+
+
+def test_from_the_border_on_a_scan_in_which_skin_grows_is_the_scan(filled):
+    maps, rest, _, far, _ = filled
+    step = max(float(np.ptp(rest[u] - maps[u])) for u in maps) / 65535
+    for udim, map in maps.items():
+        there = far[udim] > 1.1 * BORDER
+        assert there.mean() > 0.2
+        assert np.abs(rest[udim] - map)[there].max() <= 0.5 * step + 1e-7
+        assert np.abs(rest[udim] - map)[far[udim] < 0.4 * BORDER].std() > 0.005
+
+
+def test_far_from_a_scan_skin_is_as_it_grows(filled):
+    """A triangle and more away: grain and undulation are linear between vertices."""
+    _, rest, plain, far, _ = filled
+    for udim in (1002, 1011):
+        there = far[udim] < -0.3
+        assert there.mean() > 0.1
+        assert np.abs(rest[udim] - plain[udim])[there].max() < 1e-5
+        assert plain[udim][there].std() > 0.003
+
+
+def test_there_is_no_step_at_the_border(filled):
+    """From texel to texel heights differ no more than in the scan and in skin that grows."""
+    maps, rest, plain, far, _ = filled
+    border = np.abs(far[1001]) < BORDER
+    steps = [np.abs(np.diff(one[1001], axis=1))[border[:, 1:]] for one in (rest, plain, maps)]
+    steep = [np.quantile(one, 0.999) for one in steps]
+    assert steep[0] < 1.2 * max(steep[1:])
+
+
+def test_its_graph_has_both_kinds_of_lines_once(filled):
+    *_, graph = filled
+    assert graph.edge_weight.min() > 0.0
+    assert 0.0 == graph.node_grain.min() < graph.node_grain.max()
+    partners = graph.edge_partners
+    known = np.argwhere(partners >= 0)
+    shared = graph.original_nodes(graph.edge_nodes)
+    for edge, end in known[:: max(len(known) // 200, 1)]:
+        assert shared[edge, end] in shared[partners[edge, end]]
 
 
 def test_warnings_of_a_scan_outlive_a_server_that_ends_while_it_is_traced(tmp_path):

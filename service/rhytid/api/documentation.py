@@ -99,6 +99,12 @@ def _scan_schema() -> dict[str, Any]:
             "spectrum; a number counts from where that falls away; absent: 1, but only below the "
             "texels of the map, where resolution is above these",
         },
+        "fill": {
+            **number,
+            "minimum": 0,
+            "description": "width of the border, in the unit of scale, over which grown skin fills "
+            "in where the scan is flat, masked out by part scan_mask or missing; absent or 0: none",
+        },
         "midlevel": {
             "oneOf": [number, {"type": "string", "enum": [AUTO]}],
             "description": "value without relief; absent: 0.5 for codes, 0 for floats",
@@ -207,6 +213,13 @@ ASSET_FORM = body(
                         "lines and pores are traced in place of a synthesis, what they do not draw "
                         f"stays, and at rest the skin is the scan; at most {MOST_SCAN_SIDE} texels "
                         "per side. Warnings of `rhytid check --scan` are among those of the asset",
+                    },
+                    "scan_mask": {
+                        "type": "array",
+                        "items": BINARY,
+                        "description": "where part scan counts: grey images, one per UDIM, given "
+                        "like stiffness. Black is left out: no lines are traced there, and with "
+                        "settings.scan.fill grown skin fills in",
                     },
                     "shapes": {
                         **BINARY,

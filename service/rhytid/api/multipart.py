@@ -19,7 +19,7 @@ from rhytid.domain.painted_maps import CONTROLS
 from rhytid.domain.wording import plural
 from rhytid.errors import InputError, LimitError
 
-REPEATED = ("stiffness", "scan", *CONTROLS)
+REPEATED = ("stiffness", "scan", "scan_mask", *CONTROLS)
 PARTS = ("mesh", "settings", "graph", "force", "shapes", *REPEATED)
 MOST_REPEATED = 512
 HEADER_LIMIT = 8192

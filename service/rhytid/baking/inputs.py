@@ -118,7 +118,7 @@ def new_asset(
     """The asset that a request asks for on a mesh.  settings: those of the request, parsed. Raises
     InputError naming the file."""
     graph = graph_file(skin.graph) if skin.graph else None
-    if graph is not None or skin.scan:
+    if graph is not None or (skin.scan and not skin.scan_settings.fill):
         warnings.settings(settings_unused(settings))
     return NewAsset(
         mesh.mesh,
@@ -147,23 +147,31 @@ def scanned_skin(
     if not skin.scan:
         return given, None
     unit = AssetSettings.parse(given).length_unit
-    check = measured_scan(skin.scan, mesh.mesh, skin.scan_settings, unit, warnings)
+    how = skin.scan_settings
+    check = measured_scan(skin.scan, mesh.mesh, how, unit, warnings, skin.scan_masks)
     warnings.refuse()
     return {"resolution": check.resolution(), **given}, check
 
 
 def measured_scan(
-    files: Sequence[Path], mesh: Mesh, settings: ScanSettings, unit: str, warnings: RunWarnings
+    files: Sequence[Path],
+    mesh: Mesh,
+    settings: ScanSettings,
+    unit: str,
+    warnings: RunWarnings,
+    masks: Sequence[Path] = (),
 ) -> ScanCheck:
     """Displacement measured on its mesh; what is probably wrong is added to `warnings`.
 
-    unit: of the mesh. Raises InputError and SettingsError naming the file or the setting.
+    unit: of the mesh.  masks: images of where it counts. Raises InputError and SettingsError naming
+    the file or the setting.
     """
     scan = scan_files(files, mesh, settings, unit)
     if settings.scale is None:  # codes need one
         length = f"1 {unit_after_number(settings.unit or unit)}"
         warnings.note(f"without --scale the value 1 of these floats is taken for {length}")
-    found = ScanCheck(scan, mesh, unit, settings)
+    painted = stiffness_files(masks, mesh)  # images of the same kind
+    found = ScanCheck(scan, mesh, unit, settings, {} if painted is None else painted.maps)
     with working("measuring the scan"):
         warnings.add(found.warnings())
     return found

@@ -51,7 +51,8 @@ class SkinRequest:
     one.  stiffness: files of stiffness maps.  maps: files of control maps, by the name of the
     control.  shapes: file or folder of expressions; None for those of the mesh file.  force:
     whether a graph of another mesh is used.  residual: files of the residual of a traced graph.
-    scan: files of displacement to be traced in place of `graph`, as `scan_settings` say.
+    scan: files of displacement to be traced in place of `graph`, as `scan_settings` say, but where
+    images `scan_masks` are black.
     """
 
     settings: Mapping[str, Any]
@@ -63,6 +64,7 @@ class SkinRequest:
     residual: Sequence[Path] = ()
     scan: Sequence[Path] = ()
     scan_settings: ScanSettings = field(default_factory=ScanSettings)
+    scan_masks: Sequence[Path] = ()
 
 
 @dataclass(frozen=True)

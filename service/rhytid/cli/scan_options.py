@@ -23,13 +23,14 @@ SCAN_FILES = (
     "face.1001.exr, or face.<UDIM>.exr for all"
 )
 # Settings of a scan in messages, and the options that set them.
-_SETTING = re.compile(r"(?<!\S)scan\.(scale|midlevel|unit|flip|detail)\b")
+_SETTING = re.compile(r"(?<!\S)scan\.(scale|midlevel|unit|flip|detail|fill)\b")
 _OPTIONS = {
     "scale": "--scale",
     "midlevel": "--midlevel",
     "unit": "--scan-unit",
     "flip": "--flip",
     "detail": "--detail",
+    "fill": "--fill",
 }
 
 
@@ -79,13 +80,20 @@ def add_scan_settings(parser: Arguments) -> None:
 
 
 def add_traced_settings(parser: Arguments) -> None:
-    """Add `--detail`."""
+    """Add `--detail`, `--fill` and `--scan-mask`."""
     detail = (
         "grain where the scan ends, from 0, none, to 1, without a step in its spectrum; a number "
         "counts from where the spectrum falls away (default: 1, but only below the texels of the "
         "map, where the skin has more than these)"
     )
     parser.add_argument("--detail", type=float, metavar="D", help=detail)
+    fill = (
+        "let grown skin fill in where the scan is flat, masked out or missing, with a border so "
+        "wide, in the unit of --scale, from which on skin at rest is the scan (default: 0, none)"
+    )
+    parser.add_argument("--fill", type=float, metavar="W", help=fill)
+    mask = "where the scan counts: grey images by UDIM; lines in what is black are not traced"
+    add_several(parser, "--scan-mask", type=existing, metavar="IMAGE", help=mask)
 
 
 def refuse_without_scan(arguments: argparse.Namespace) -> None:
@@ -97,6 +105,8 @@ def refuse_without_scan(arguments: argparse.Namespace) -> None:
         "--flip": arguments.flip,
         "--partial": arguments.partial or None,
         "--detail": getattr(arguments, "detail", None),
+        "--fill": getattr(arguments, "fill", None),
+        "--scan-mask": getattr(arguments, "scan_mask", None) or None,
     }
     for option, value in given.items():
         if value is not None and not arguments.scan:
@@ -107,8 +117,9 @@ def scan_settings(arguments: argparse.Namespace) -> ScanSettings:
     """What the options say of a scan. Raises SettingsError naming the setting."""
     scales = None if arguments.scale is None else tuple(arguments.scale)
     level, unit = arguments.midlevel, arguments.scan_unit
-    detail = getattr(arguments, "detail", None)  # of commands that make lines of a scan
-    return ScanSettings(scales, level, unit, arguments.flip, arguments.partial, detail)
+    # Of commands that make lines of a scan.
+    more = (getattr(arguments, name, None) for name in ("detail", "fill"))
+    return ScanSettings(scales, level, unit, arguments.flip, arguments.partial, *more)
 
 
 def checked_scan(
@@ -127,7 +138,8 @@ def checked_scan(
 
     with options_named():
         settings = scan_settings(arguments)
-        return measured_scan(files, mesh, settings, unit, warnings)
+        masks = getattr(arguments, "scan_mask", ())
+        return measured_scan(files, mesh, settings, unit, warnings, masks)
 
 
 def add_scan(group: Arguments) -> None:

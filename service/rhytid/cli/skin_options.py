@@ -99,7 +99,7 @@ def refuse_without_effect(arguments: argparse.Namespace) -> None:
     """End with a usage error where `--graph` or `--scan` stands beside an option of how skin
     grows."""
     given = ("--graph", "are grown") if arguments.graph is not None else ("--scan", "are traced")
-    if arguments.graph is None and not arguments.scan:
+    if arguments.graph is None and (not arguments.scan or getattr(arguments, "fill", None)):
         return
     for name in _GROWING:
         if getattr(arguments, name):
@@ -160,6 +160,7 @@ def skin_request(arguments: argparse.Namespace) -> SkinRequest:
         residual=arguments.residual,
         scan=arguments.scan,
         scan_settings=scan_settings(arguments) if arguments.scan else ScanSettings(),
+        scan_masks=getattr(arguments, "scan_mask", ()),
     )
 
 

@@ -68,12 +68,13 @@ class ScanShares:
     def of(cls, device: Device, mesh: Mesh, scan: ScanRelief, resolution: int) -> ScanShares:
         """Those of a scan with a border, by the distance in space from where it is denied."""
         side = min(_CELLS, resolution)
-        places, denied = {}, {}
+        places, denied, rims = {}, {}, []
         for udim in mesh_udims(mesh):
             cancellation.check()
+            inside = shown(device, mesh, udim, side, 0) < len(mesh.faces)
             places[udim] = _places(mesh, udim, shown(device, mesh, udim, side, _AROUND))
             denied[udim] = denied_of(scan, udim, side)
-        rims = [places[u][_rim(denied[u], places[u])] for u in places]
+            rims.append(places[udim][_rim(denied[udim], inside)])
         tree = scipy.spatial.cKDTree(np.concatenate(rims))
         return cls({u: _shares(tree, places[u], denied[u], scan.border) for u in places})
 
@@ -154,11 +155,10 @@ def _places(mesh: Mesh, udim: int, triangles: NDArray[np.int32]) -> NDArray[np.f
     return found
 
 
-def _rim(denied: NDArray[np.bool_], places: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Cells of what is denied that others, or the end of a chart, lie next to."""
-    there = np.isfinite(places[..., 0])
-    rim: NDArray[np.bool_] = denied & there
-    rim &= scipy.ndimage.binary_dilation(~denied | ~there, iterations=1)
+def _rim(denied: NDArray[np.bool_], inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Cells of what is denied that others, or the end of a chart or of the UDIM, lie next to."""
+    rim = denied & inside
+    rim &= scipy.ndimage.binary_dilation(~rim, border_value=1)
     return rim
 
 
@@ -185,7 +185,7 @@ def _shares(
 def _of_scan(graph: WrinkleGraph, shares: ScanShares) -> Arrays:
     """The arrays of what was traced, as deep as the scan counts, and without grain."""
     none = np.zeros(graph.pores, np.float32)
-    return _faded(graph, shares.nodes(graph)) | {"node_grain": none, "node_undulation": none}
+    return _faded(replace(graph, node_grain=none, node_undulation=none), shares.nodes(graph))
 
 
 def _of_grown(
@@ -204,11 +204,12 @@ def _of_grown(
             * np.array([mean_uv_length(mesh, int(u)) for u in shares.cells], np.float32).max()
         )
         strength[(graph.node_kind > 0) & ((share < 1.0) | (reach > border))] = 0.0
-    arrays = _faded(graph, strength * np.float32(depth))
-    for name in ("node_grain", "node_undulation"):
-        given = arrays.get(name, np.ones(graph.pores, np.float32))
-        arrays[name] = given * np.float32(depth)
-    return arrays
+    each, even = np.float32(depth), np.ones(graph.pores, np.float32)
+    grain, swells = (
+        even if one is None else one for one in (graph.node_grain, graph.node_undulation)
+    )
+    graph = replace(graph, node_grain=each * grain, node_undulation=each * swells)
+    return _faded(graph, each * strength)
 
 
 def _faded(graph: WrinkleGraph, share: Shares) -> Arrays:

@@ -52,6 +52,7 @@ def create_asset(
     shapes: File | ArrayLike | Mapping[str, ArrayLike] | None = None,
     scan: Images | None = None,
     scan_settings: Mapping[str, Any] | None = None,
+    scan_mask: Images | None = None,
 ) -> Flow[Asset]:
     """Send a mesh and have an asset built of it; `wait` for it before asking for tiles.
 
@@ -73,7 +74,8 @@ def create_asset(
     stiffness: its lines are traced and move, and at rest the skin is the scan.
     scan_settings: how it is read: scale (a number, or three for bands; codes need one), unit,
     midlevel (a number or "auto"), flip ("v", "u", "uv"), partial (UDIMs may have no map), detail
-    (grain where the scan ends, 0 to 1).
+    (grain where the scan ends, 0 to 1), fill (width of the border of grown skin that fills in).
+    scan_mask: where the scan counts, given like stiffness; black is left out.
     progress: called with bytes sent and bytes in all.
     strict: RequestError, and nothing is kept, where there would be `warnings`; allow: but for those
     of these codes.
@@ -94,6 +96,7 @@ def create_asset(
         parts.append(Part("force", b"true", "text/plain"))
     parts += _images("stiffness", stiffness)
     parts += _images("scan", scan)
+    parts += _images("scan_mask", scan_mask)
     for control, images in (controls or {}).items():
         parts += _images(control, images)
     if shapes is not None:

@@ -72,23 +72,28 @@ def read_asset(
         settings=settings,
         graph=read_graph(parts["graph"].data) if "graph" in parts else None,
         frames=read.frames,
-        stiffness=_stiffness(parts, read.mesh) if "stiffness" in parts else None,
+        stiffness=_painted(parts, "stiffness", read.mesh) if "stiffness" in parts else None,
         controls=read_controls(images, mesh_udims(read.mesh)),
         force=force,
         shapes=_shapes(parts["shapes"], read.mesh) if "shapes" in parts else read.expressions,
     )
-    return _scanned(new, parts["scan"], scan) if "scan" in parts else new
+    if "scan" in parts:
+        return _scanned(new, parts, scan)
+    if "scan_mask" in parts:
+        raise InputError("part scan_mask says where part scan counts, but there is no such part")
+    return new
 
 
-def _scanned(new: NewAsset, part: Sent, settings: ScanSettings) -> NewAsset:
+def _scanned(new: NewAsset, parts: Files, settings: ScanSettings) -> NewAsset:
     """The asset with a scan, measured, at the resolution of the asset."""
     # Imported here: few uploads have one.
     from rhytid.meshes.scan_check import ScanCheck
     from rhytid.meshes.scans import scan_of
 
     mesh, unit = new.mesh, new.settings.length_unit
-    maps = read_scan(_images(part), mesh_udims(mesh), partial=settings.partial)
-    check = ScanCheck(scan_of(maps, settings, mesh, unit), mesh, unit, settings)
+    maps = read_scan(_images(parts["scan"]), mesh_udims(mesh), partial=settings.partial)
+    masks = _painted(parts, "scan_mask", mesh).maps if "scan_mask" in parts else {}
+    check = ScanCheck(scan_of(maps, settings, mesh, unit), mesh, unit, settings, masks)
     relief = check.relief(new.settings.resolution)
     return replace(new, scan=relief, noted=tuple(check.warnings()))
 
@@ -100,8 +105,9 @@ def _shapes(part: Sent, mesh: Mesh) -> Expressions:
     return read_expressions(part.data, name, len(mesh.positions), mesh.centre)
 
 
-def _stiffness(parts: Files, mesh: Mesh) -> Stiffness:
-    return read_stiffness(_images(parts["stiffness"]), mesh_udims(mesh))
+def _painted(parts: Files, name: str, mesh: Mesh) -> Stiffness:
+    """Grey maps that are read as those of stiffness are."""
+    return read_stiffness(_images(parts[name]), mesh_udims(mesh))
 
 
 def _images(first: Sent) -> list[tuple[str, bytes]]:
