@@ -106,6 +106,16 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "partial": ({"scan": image(relief()), "scan_settings": {"partial": 1}}, "true or false"),
     "midlevel": ({"scan": image(relief()), "scan_settings": {"midlevel": []}}, "scan.midlevel is"),
     "no scan": ({}, "no such part"),
+    "detail": ({"scan": image(relief()), "scan_settings": {**HOW, "detail": 2}}, "from 0 to 1"),
+    "fill": ({"scan": image(relief()), "scan_settings": {**HOW, "fill": "2"}}, "scan.fill is '2'"),
+    "both": (
+        {"scan": image(relief()), "scan_settings": {**HOW, "fill": 0.1, "detail": 1}},
+        "use one of them",
+    ),
+    "mask alone": (
+        {"scan_mask": picture(COLOURS[..., 0]), "scan_settings": None},
+        "scan_mask says where part scan counts",
+    ),
     "flat": ({"scan": image(0.0 * relief())}, "there is no relief in the scan"),
     "a graph, too": ({"scan": image(relief()), "graph": b"?"}, "graph"),
     "a map of growth": (
@@ -121,6 +131,30 @@ def test_bad_parts_are_named(client: Client, kind: str) -> None:
     with pytest.raises(RequestError, match=said) as raised:
         created(client, **given)
     assert raised.value.status in (413, 422), raised.value
+
+
+@pytest.mark.parametrize("fill", [0.0, 0.1])
+def test_what_is_masked_out_stays_or_grows(client: Client, fill: float) -> None:
+    """Left of the middle there are no lines of the scan. With a border skin grows there; from that
+    on, 0.1 of 1 m in 0.8 of a map of 256 texels, or 21 of these, the skin at rest is the scan."""
+    mask = np.zeros((64, 64), np.uint8)
+    mask[:, 32:] = 255
+    grown = {**SETTINGS, "graph": {"spacing": 0.04}}
+    how = {**HOW, "fill": fill}
+    sent = {"scan": image(relief()), "scan_settings": how, "settings": grown}
+    asset = client.wait(created(client, scan_mask=picture(mask), **sent))
+    scan = np.round((relief() / RANGE + 0.5) * 65535) / 65535 * RANGE - 0.5 * RANGE
+    found = client.map(asset, "neutral", 1001, method="redraw").array
+    whole = slice(128 + 25, 230) if fill else slice(26, 230)
+    rest = np.abs(found - scan)[26:230]
+    assert rest[:, whole].max() <= 0.5 * RANGE / 65535 + 1e-8
+    graph = read_graph(client.graph(asset))
+    left = (graph.node_uv[graph.edge_nodes][..., 0] < 0.49).all(axis=1) & (graph.edge_weight > 0)
+    assert left.any() == (fill > 0.0)
+    if fill:
+        assert rest[:, 26:110].max() > 0.001
+        grain = asset.settings["shape"]["grain"]
+        assert grain > 0.0
 
 
 def test_strict_refuses_a_scan_with_warnings(client: Client) -> None:

@@ -178,6 +178,25 @@ def test_packages_have_the_residual(traced: Traced, tmp_path: Path, way: str) ->
     assert manifest["residual"]["step"] < 2 * STEP
 
 
+def test_grown_skin_fills_in_what_is_masked_out(traced: Traced, tmp_path: Path) -> None:
+    """On the left; on the right, from the border on, residual and neutral are the scan."""
+    mask, settings, out = tmp_path / "mask.png", tmp_path / "given.json", tmp_path / "traced"
+    grey = np.repeat(np.arange(SIDE) > 0.4 * SIDE, SIDE).reshape(SIDE, SIDE).T
+    Image.fromarray((255 * grey).astype(np.uint8)).save(mask)
+    settings.write_text(json.dumps({"graph": {"spacing": 1.0, "events": 0.0}}))
+    given = (traced.mesh, traced.scan, "--scale", RANGE, "--out", out, "--settings", settings)
+    assert trace(*given, "--scan-mask", mask, "--fill", 0.5) == 0
+    kept = json.loads((out / "settings.json").read_text())["shape"]
+    assert (kept["grain"], kept["undulation"]) == (0.02, 0.18)
+    found = neutral_map(traced.mesh, out, tmp_path / "maps")
+    found = found + read_exr(out / "residual.1001.exr")[0]
+    with Image.open(traced.scan) as image:
+        off = np.abs(found - (np.asarray(image, np.float64) / 65535 - 0.5) * RANGE)
+    chart = inside(traced.mesh)
+    assert off[:, 160:][chart[:, 160:]].max() < 0.5 * STEP
+    assert np.median(off[:, :90][chart[:, :90]]) > 100 * STEP
+
+
 @pytest.mark.parametrize("way", ["scan", "residual"])
 def test_baked_maps_are_the_scan_at_rest(
     traced: Traced, tmp_path: Path, way: str, capsys: pytest.CaptureFixture[str]
@@ -204,6 +223,7 @@ def test_baked_maps_are_the_scan_at_rest(
         (("--scan", "a.png", "--graph", "g"), "--scan is traced to a graph, --graph gives one"),
         (("--residual", "a.exr"), "--residual is what a traced graph does not draw: give --graph"),
         (("--scan", "a.png", "--set", "age=60"), "--scan gives lines that are traced: use one"),
+        (("--fill", "2"), "--fill says how to read displacement: give --scan, too"),
         (("--scale", "2"), "--scale says how to read displacement: give --scan, too"),
     ],
 )

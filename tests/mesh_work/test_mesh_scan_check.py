@@ -294,6 +294,29 @@ def test_seams_are_edges_with_two_places_in_uv() -> None:
     assert np.array_equal(other.ends, seams.ends)
 
 
+def test_what_is_flat_or_masked_out_is_left_out() -> None:
+    """A square of 100 texels a side in a sharp map, of 8 bits as of 16; fainter noise is not flat,
+    nor is a square less wide than the border."""
+    map = np.random.default_rng(2).normal(0.0, 0.05, (SIDE, SIDE))
+    map[200:300, 100:200] = 0.1
+    map[20:24, 20:24] = 0.1
+    wide = 10 * SIDE * 0.4 * checked(coded(map)).maps[0].texel  # 0.4 of the square, in mm
+    for kind in (np.uint8, np.uint16):
+        check = checked(coded(map, kind), replace(FULL, fill=0.1 * wide))
+        found = check.relief(SIDE)
+        assert found.border == pytest.approx(0.01 * wide)
+        [denied] = found.denied.values()
+        assert denied.reshape(SIDE, 2, SIDE, 2).mean((1, 3))[202:298, 102:198].min() == 1.0
+        assert denied.mean() == pytest.approx((100 / SIDE) ** 2, rel=0.1)
+    grey = np.full((4, 2), 255, np.uint8)
+    grey[0] = 0
+    check = replace(checked(coded(map)), masks={1001: grey})
+    assert check.relief(SIDE).border == 0.0
+    rows = check.relief(SIDE).denied[1001].mean(axis=1)
+    assert rows[:128].min() == 1.0
+    assert rows[300:].max() == 0.0
+
+
 def test_detail_counts_from_the_file_or_from_its_spectrum() -> None:
     """Sharp noise, and the same blurred by two texels, whose density, as it was
     level, falls with the power -7 where waves are 6.7 texels long."""
