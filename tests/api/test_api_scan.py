@@ -152,7 +152,7 @@ def test_what_is_masked_out_stays_or_grows(client: Client, fill: float) -> None:
     left = (graph.node_uv[graph.edge_nodes][..., 0] < 0.49).all(axis=1) & (graph.edge_weight > 0)
     assert left.any() == (fill > 0.0)
     if fill:
-        assert rest[:, 26:110].max() > 0.001
+        assert np.median(rest[:, 26:110]) > 100 * RANGE / 65535
         grain = asset.settings["shape"]["grain"]
         assert grain > 0.0
 
