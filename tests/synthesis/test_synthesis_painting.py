@@ -14,7 +14,8 @@ from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.painted_maps import Controls
 from rhytid.domain.skin import REGIONS
 from rhytid.synthesis.fields import Fields, level_directions
-from rhytid.synthesis.painted_fields import PaintedFields, PaintedMaps, fields_of, normals_at
+from rhytid.synthesis.painted_fields import PaintedFields, fields_of
+from rhytid.synthesis.painting import PaintedMaps, normals_at
 from rhytid.synthesis.pore_density import effective_area
 from rhytid.synthesis.surface import Surface
 from rhytid_lab.samples.face import procedural_face

@@ -18,7 +18,7 @@ from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.fields import SmoothNoise, level_directions
 from rhytid.synthesis.hashes import Words, place_keys, unit_intervals
 from rhytid.synthesis.leader_families import FAMILIES, FIRST, SEEDS, Family
-from rhytid.synthesis.painted_fields import normals_at
+from rhytid.synthesis.painting import normals_at
 from rhytid.synthesis.pore_density import SPACING
 from rhytid.synthesis.pores import scatter_pores
 from rhytid.synthesis.progress import silent
