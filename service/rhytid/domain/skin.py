@@ -162,13 +162,14 @@ REGIONS: dict[str, Region] = {
     # A wide net of rhombi, longer than high, that age deepens as a whole; small pores.
     "neck": Region(
         density=0.5,
-        strength=1.95,
+        strength=1.7,
         anisotropy=0.5,
         bend=0.5,
         scale=1.15,
         pore_radius=0.7,
         grain=1.2,
         undulation=2.6,
+        folded=0.35,
         patchiness=3.3,
         leading=0.12,
         rings=1.0,
