@@ -11,7 +11,7 @@ import pytest
 
 import rhytid
 from rhytid.cli import main
-from rhytid.cli.program import build_parser
+from rhytid.cli.program import COMMANDS, build_parser
 from rhytid.support import build_identity
 
 NAMES = ["bake", "bench", "demo", "devices", "graph", "reproduce", "serve", "synthesize"]
@@ -336,3 +336,12 @@ def test_a_pipe_is_no_file_that_is_not_there(
     os.mkfifo(pipe)
     assert ends(["synthesize", str(pipe), "--out", "g.safetensors"]) == 2
     assert "is a pipe or a device" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_alone_has_the_help_that_it_has_among_all(name: str) -> None:
+    def helped(parser: argparse.ArgumentParser) -> str:
+        (commands,) = (a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+        return str(commands.choices[name].format_help())
+
+    assert helped(build_parser(name)) == helped(build_parser())

@@ -8,31 +8,10 @@ import sys
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from importlib.metadata import entry_points
 
 from rhytid import __version__
-from rhytid.cli import (
-    bake,
-    check,
-    completion,
-    controls,
-    convert,
-    devices,
-    displace,
-    export,
-    graph,
-    keys,
-    look,
-    measure,
-    restore,
-    serve,
-    snapshot,
-    synthesize,
-    template,
-    trace,
-    transfer,
-    warnings,
-)
 from rhytid.cli.parser import Parser, is_for_job
 from rhytid.cli.termination import INTERRUPTED, Interruption
 from rhytid.errors import RhytidError
@@ -41,36 +20,39 @@ from rhytid.support.build_identity import drawing_version, revision
 from rhytid.support.console import Verbosity, make_place, openjd_line, use_verbosity
 from rhytid.support.settings import misspelt_variables
 
+# Modules of this package, each with the command of its name, in the order of the help.
 COMMANDS = (
-    serve,
-    keys,
-    snapshot,
-    restore,
-    devices,
-    check,
-    convert,
-    synthesize,
-    graph,
-    template,
-    controls,
-    transfer,
-    bake,
-    displace,
-    trace,
-    measure,
-    look,
-    export,
-    warnings,
-    completion,
+    "serve",
+    "keys",
+    "snapshot",
+    "restore",
+    "devices",
+    "check",
+    "convert",
+    "synthesize",
+    "graph",
+    "template",
+    "controls",
+    "transfer",
+    "bake",
+    "displace",
+    "trace",
+    "measure",
+    "look",
+    "export",
+    "warnings",
+    "completion",
 )
 # Entry points of other packages: modules with `add_command(commands)`, as those above.
 GROUP = "rhytid.commands"
+# Describes all others.
+_OF_ALL = "completion"
 
 
 def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
     """Run one command and return its exit status, as `main` has it."""
     with use_verbosity(Verbosity(for_job=is_for_job(sys.argv[1:] if argv is None else argv))):
-        arguments = build_parser().parse_args(argv)
+        arguments = build_parser(_named(argv)).parse_args(argv)
     interruption.command = arguments.command
     for_job = getattr(arguments, "progress", None) == "openjd"
     level = Verbosity(arguments.quiet, arguments.verbose, for_job)
@@ -98,9 +80,15 @@ def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
     return 0
 
 
-def build_parser() -> Parser:
-    """The parser of all commands. Each command sets `run`, a function of the arguments, and
-    `program` is this parser."""
+def _named(argv: Sequence[str] | None) -> str | None:
+    """The command that arguments begin with, where no other need be known; else None."""
+    first = next(iter(sys.argv[1:] if argv is None else argv), None)
+    return first if first in COMMANDS and first != _OF_ALL else None
+
+
+def build_parser(only: str | None = None) -> Parser:
+    """The parser of all commands, or of one of COMMANDS: what others import takes longer than most
+    commands. Each command sets `run`, a function of the arguments, and `program` is this parser."""
     parser = Parser(
         prog="rhytid",
         description="Dynamic facial wrinkles: an animated face in, displacement maps out.",
@@ -111,10 +99,13 @@ def build_parser() -> Parser:
     parser.add_argument("--version", action=_Version, help=version)
     parser.set_defaults(program=parser)  # which `completion` describes
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    # By name: an installed package beside one on PYTHONPATH lists each twice.
-    others = {entry.name: entry for entry in entry_points(group=GROUP)}
-    for command in (*COMMANDS, *(entry.load() for entry in others.values())):
-        command.add_command(commands)
+    for name in COMMANDS if only is None else (only,):
+        import_module(f"rhytid.cli.{name}").add_command(commands)
+    if only is None:
+        # By name: an installed package beside one on PYTHONPATH lists each twice.
+        others = {entry.name: entry for entry in entry_points(group=GROUP)}
+        for entry in others.values():
+            entry.load().add_command(commands)
     return parser
 
 
