@@ -24,6 +24,8 @@ PLACED, WHOLE = 32, 64
 _ENDS = -7.0
 # Of the slope, in octaves: the places where it is taken, and how far it reaches to each side.
 _APART, _REACH = 0.25, 0.25
+# Rows of blocks, at most twice as many, of which an end is found.
+_MOST_ROWS = 32
 # The number of waves to a block from which on an end is looked for.
 _FIRST = 3
 
@@ -57,7 +59,8 @@ def shortest_wave(map: Map, inside: Inside) -> float | None:
     map (H, W).  inside (H, W): texels of charts.
     """
     total, count = np.zeros((WHOLE, WHOLE)), 0
-    for _, squares in _rows(map, inside, WHOLE):
+    # Of large maps some rows of blocks tell enough.
+    for _, squares in _rows(map, inside, WHOLE, max(len(map) // (WHOLE * _MOST_ROWS), 1)):
         total += squares.sum(axis=0)
         count += len(squares)
     ring = np.rint(_waves(WHOLE)).astype(np.int64)
@@ -79,13 +82,16 @@ def _waves(side: int) -> FloatArray:
     return found
 
 
-def _rows(map: Map, inside: Inside, side: int) -> Iterator[tuple[NDArray[np.bool_], FloatArray]]:
-    """Of each row of blocks which of them lie inside, and (K, side, side) the squares of these."""
+def _rows(
+    map: Map, inside: Inside, side: int, every: int = 1
+) -> Iterator[tuple[NDArray[np.bool_], FloatArray]]:
+    """Of every so many rows of blocks which of them lie inside, and (K, side, side) the squares of
+    these."""
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(side) / side)
     weight = window[:, None] * window
     scale = side**-4.0 / np.mean(weight**2)
     columns = map.shape[1] // side
-    for top in range(0, map.shape[0] // side * side, side):
+    for top in range(0, map.shape[0] // side * side, side * every):
         part = slice(top, top + side), slice(0, columns * side)
         whole = np.all(inside[part].reshape(side, columns, side), axis=(0, 2))
         blocks = np.swapaxes(map[part].reshape(side, columns, side), 0, 1)[whole].astype(np.float64)
