@@ -253,6 +253,21 @@ def test_detail_leaves_the_means_of_the_scan_and_is_the_same_asset_again(tmp_pat
         assert same(bent, [whole(engine, id, query, 1001) for query in QUERIES])
 
 
+def test_there_is_no_detail_where_no_map_ends(tmp_path):
+    """Beside a UDIM with detail: at rest one without a map is smooth, and another is its map. Far
+    from the first there is none that would move."""
+    maps = {1001: resampled(relief(1001)[::2, ::2], SIDE, SIDE), 1012: relief(1012)}
+    scan = ScanRelief(maps, 1e-6, {1001: SIDE // 2}, 1.0)
+    settings = new_asset(MESH, depth=None, preset="best", unit="mm").settings
+    with running(tmp_path) as engine:
+        id = built(engine, NewAsset(MESH, settings, scan=scan))
+        engine.frames.put(id, "bent", BENT)
+        for udim in UDIMS[1:]:
+            found = engine.tiles.plan_map(id, "neutral", QUERIES[1], udim, 0).draw()
+            assert np.abs(found - maps.get(udim, 0.0)).max() < 2e-6
+        assert np.abs(whole(engine, id, QUERIES[1], 1002)[:, SIDE // 2 :]).max() < 2e-6
+
+
 BORDER = 0.05
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 import scipy
@@ -17,13 +18,13 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import bilinear
 from rhytid.domain.residual import ScanRelief
 from rhytid.domain.scan import resampled
 from rhytid.domain.spectra import band_squares
-from rhytid.domain.tiles import udim_origin, udims_at
+from rhytid.domain.tiles import mesh_udims, udim_origin, udims_at
 from rhytid.domain.uv_layout import mean_uv_length
 from rhytid.pipeline.grain import GrainPlanes, grain_amplitude, grain_codes, relief_shares
 from rhytid.pipeline.locate import UdimTriangles
@@ -48,6 +49,8 @@ _WHOLE = 0.9999
 # Texels of a side that grain is drawn of at once; how far texels reach that are made larger, and
 # columns by which that is found.
 _PIECE, _NEAR, _COLUMNS = 1024, 5, 12
+# The radius in UV of a node that is not drawn.
+_POINT = 1e-6
 
 
 def with_detail(
@@ -59,7 +62,8 @@ def with_detail(
     size: float | None,
 ) -> Trace:
     """What was traced, with detail: its graph says how high grain is around each of its nodes, and
-    the residual is less by what the texels of the scan see of it at rest.
+    the residual is less by what the texels of the scan see of it at rest; of UDIMs that have no
+    detail, into which it reaches over a border, by all of it.
 
     settings: resolved, with which the scan was traced; the graph is drawn with those of
     `traced_settings` for detail.  size: the longest wave of the grain, mesh units; None for
@@ -76,11 +80,14 @@ def with_detail(
         even = grain_at_rest(device, mesh, found.graph, lines, drawn, udim)
         factors[udim] = scan.detail * _factors(scan, udim, even, found.charts[udim])
     graph = replace(found.graph, origin=origin, node_grain=_at_nodes(found.graph, factors))
-    residual = dict(found.residual)
-    for udim, side in scan.ends.items():
-        lines = scan.maps[udim] - found.residual[udim]
+    graph = _bare_beyond(mesh, graph, scan)
+    residual, none = dict(found.residual), np.zeros((drawn.resolution,) * 2, np.float32)
+    for udim in _with_grain(mesh, graph):
+        rest = residual.get(udim, none)
+        lines = scan.maps.get(udim, none) - rest
         grain = grain_at_rest(device, mesh, graph, lines, drawn, udim)
-        residual[udim] = residual[udim] - seen(grain, side)
+        own = scan.ends.get(udim)
+        residual[udim] = rest - (grain if own is None else seen(grain, own))
     return replace(found, graph=graph, residual=residual)
 
 
@@ -229,3 +236,35 @@ def _at_nodes(graph: WrinkleGraph, factors: dict[int, FloatArray]) -> NDArray[np
         local = graph.node_uv[here].astype(np.float64) - udim_origin(udim)
         found[here] = bilinear(map.astype(np.float32), local)
     return np.clip(found, 0.0, _MOST)
+
+
+def _bare_beyond(mesh: Mesh, graph: WrinkleGraph, scan: ScanRelief) -> WrinkleGraph:
+    """The graph with a node that is not drawn in each triangle of UDIMs without detail: it says
+    that there is no grain, which else is carried on to where nothing was traced."""
+    others = [udim for udim in mesh_udims(mesh) if udim not in scan.ends]
+    uv = mesh.triangle_uv().mean(axis=1)
+    triangles = np.flatnonzero(np.isin(udims_at(uv), others))
+    count, square = len(triangles), _POINT**-2.0
+    more: dict[str, NDArray[Any]] = {
+        "node_uv": uv[triangles],
+        "node_radius": np.full(count, _POINT),
+        "node_triangle": triangles,
+        "node_copy_of": np.full(count, ORIGINAL),
+        "node_metric": np.tile([square, 0.0, square], (count, 1)),
+    }
+    none, arrays = np.zeros(count), graph.arrays()
+    nodes: dict[str, Any] = {
+        name: np.concatenate([given, more.get(name, none).astype(given.dtype)])
+        for name, given in arrays.items()
+        if name.startswith("node")
+    }
+    return replace(graph, **nodes)
+
+
+def _with_grain(mesh: Mesh, graph: WrinkleGraph) -> list[int]:
+    """The UDIMs with triangles that have grain."""
+    assert graph.node_triangle is not None
+    shares = relief_shares(mesh, graph, graph.node_triangle)
+    assert shares is not None  # the graph says how high it is
+    uv = mesh.triangle_uv()[shares[:, :3].any(axis=1)].mean(axis=1)
+    return [udim for udim in mesh_udims(mesh) if udim in udims_at(uv)]

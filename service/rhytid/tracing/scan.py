@@ -58,9 +58,11 @@ def traced_scan(
     resolved = replace(settings, depth=depth).resolved(spacing)
     how = TraceSettings(spacing=spacing, noise=scan.noise)
     found = trace(device, mesh, scan.maps, resolved, how, progress, call, charts)
+    beyond = _beyond(device, mesh, scan, found, resolved)
+    found = replace(found, residual=found.residual | beyond)
     if scan.detail > 0.0:
         found = with_detail(device, mesh, scan, found, resolved, settings.shape.grain_size)
-    return replace(found, residual=found.residual | _beyond(device, mesh, scan, found, resolved))
+    return found
 
 
 def _filled(
