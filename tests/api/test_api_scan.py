@@ -108,6 +108,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "no scan": ({}, "no such part"),
     "detail": ({"scan": image(relief()), "scan_settings": {**HOW, "detail": 2}}, "from 0 to 1"),
     "fill": ({"scan": image(relief()), "scan_settings": {**HOW, "fill": "2"}}, "scan.fill is '2'"),
+    "wide": ({"scan": image(relief()), "scan_settings": {**HOW, "fill": 10**400}}, "scan.fill is"),
     "both": (
         {"scan": image(relief()), "scan_settings": {**HOW, "fill": 0.1, "detail": 1}},
         "use one of them",

@@ -17,12 +17,13 @@ from exr_images import exr
 from meshes import SmallMesh
 from pipeline.scenes import sheet
 from reference import tracing as reference
-from rhytid.baking.input_files import mesh_file
+from rhytid.baking.input_files import mask_files, mesh_file
 from rhytid.baking.inputs import scanned_skin
 from rhytid.baking.request import SkinRequest
 from rhytid.baking.run_warnings import RunWarnings
 from rhytid.cli import main
 from rhytid.domain.mesh import Mesh
+from rhytid.errors import InputError
 from rhytid.exports.textures.frame_map import local_edges
 from rhytid.formats.exr import read_exr
 from rhytid.formats.graphs import read_graph
@@ -195,6 +196,13 @@ def test_grown_skin_fills_in_what_is_masked_out(traced: Traced, tmp_path: Path) 
     chart = inside(traced.mesh)
     assert off[:, 160:][chart[:, 160:]].max() < 0.5 * STEP
     assert np.median(off[:, :90][chart[:, :90]]) > 100 * STEP
+
+
+def test_a_mask_without_a_place_is_told_how_masks_are_named(tmp_path: Path) -> None:
+    file = tmp_path / "left.png"
+    Image.fromarray(np.zeros((4, 4), np.uint8)).save(file)
+    with pytest.raises(InputError, match=r"left\.png names no UDIM.*as in mask\.1001\.png"):
+        mask_files([file], sheet(udims=2))
 
 
 @pytest.mark.parametrize("way", ["scan", "residual"])

@@ -308,6 +308,7 @@ def test_what_is_flat_or_masked_out_is_left_out() -> None:
         [denied] = found.denied.values()
         assert denied.reshape(SIDE, 2, SIDE, 2).mean((1, 3))[202:298, 102:198].min() == 1.0
         assert denied.mean() == pytest.approx((100 / SIDE) ** 2, rel=0.1)
+    assert checked(coded(map), replace(FULL, fill=1e6)).relief(SIDE).denied == {}
     grey = np.full((4, 2), 255, np.uint8)
     grey[0] = 0
     check = replace(checked(coded(map)), masks={1001: grey})
@@ -319,13 +320,22 @@ def test_what_is_flat_or_masked_out_is_left_out() -> None:
 
 def test_detail_counts_from_the_file_or_from_its_spectrum() -> None:
     """Sharp noise, and the same blurred by two texels, whose density, as it was
-    level, falls with the power -7 where waves are 6.7 texels long."""
+    level, falls with the power -7 where waves are 6.7 texels long; bands without relief
+    say nothing."""
     sharp = np.random.default_rng(2).normal(0.0, 0.02, (SIDE, SIDE))
     blurred = 4 * ndimage.gaussian_filter(sharp, 2.0)
     for map, side in ((sharp, SIDE), (blurred, pytest.approx(SIDE * 2 / 6.7, rel=0.1))):
         for detail, ends in ((None, SIDE), (0.5, side)):
             found = checked(coded(map), replace(FULL, detail=detail)).relief(1024)
             assert (found.ends, found.detail) == ({1001: ends}, detail or 1.0)
+    nothing = np.full(blurred.shape, 32768, np.uint16)
+    for bands, scale in (
+        ((coded(blurred), nothing, nothing), (1.0, 2.0, 3.0)),
+        ((coded(blurred), coded(sharp), nothing), (1.0, 0.0, 2.0)),
+    ):
+        maps, how = {1001: ScanMap(1001, "d.1001.x", bands)}, ScanSettings(scale, detail=0.5)
+        check = ScanCheck(scan_of(maps, how, MESH, "cm"), MESH, "cm", how)
+        assert check.relief(1024).ends == {1001: pytest.approx(SIDE * 2 / 6.7, rel=0.1)}
     for detail, side in ((None, SIDE), (0.0, 1024)):
         found = checked(coded(sharp), replace(FULL, detail=detail)).relief(side)
         assert (dict(found.ends), found.detail) == ({}, 0.0)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rhytid.domain.expressions import Expressions, evenly_spaced
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import ORIGIN, Centre, Mesh
-from rhytid.domain.painted_maps import Controls, Stiffness
+from rhytid.domain.painted_maps import Controls, Map, Stiffness
 from rhytid.domain.residual import Residual
 from rhytid.domain.scan import Scan, ScanSettings
 from rhytid.domain.tiles import mesh_udims
@@ -29,7 +29,7 @@ from rhytid.formats.frame_set import Clip, FrameSet
 from rhytid.formats.frames import read_expressions, read_frame_file
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import MeshFile
-from rhytid.formats.painted import read_controls, read_stiffness
+from rhytid.formats.painted import read_controls, read_painted, read_stiffness
 from rhytid.formats.scans import read_scan
 from rhytid.meshes.scans import scan_of
 from rhytid.support.console import working
@@ -94,6 +94,12 @@ def stiffness_files(files: Sequence[Path], mesh: Mesh) -> Stiffness | None:
     """Read stiffness maps; each name of a file holds a UDIM. None where there are no files."""
     images = [(str(file), file.read_bytes()) for file in files]
     return read_stiffness(images, mesh_udims(mesh)) if images else None
+
+
+def mask_files(files: Sequence[Path], mesh: Mesh) -> dict[int, Map]:
+    """Read masks of a scan by UDIM; each name of a file holds one."""
+    images = [(str(file), file.read_bytes()) for file in files]
+    return {**read_painted(images, mesh_udims(mesh), "mask")}
 
 
 def control_files(files: Mapping[str, Sequence[Path]], mesh: Mesh) -> Controls | None:

@@ -19,6 +19,7 @@ from rhytid.baking.frames import FrameFiles, check_sources, read_frames_list
 from rhytid.baking.input_files import (
     control_files,
     graph_file,
+    mask_files,
     mesh_file,
     residual_files,
     scan_files,
@@ -170,8 +171,7 @@ def measured_scan(
     if settings.scale is None:  # codes need one
         length = f"1 {unit_after_number(settings.unit or unit)}"
         warnings.note(f"without --scale the value 1 of these floats is taken for {length}")
-    painted = stiffness_files(masks, mesh)  # images of the same kind
-    found = ScanCheck(scan, mesh, unit, settings, {} if painted is None else painted.maps)
+    found = ScanCheck(scan, mesh, unit, settings, mask_files(masks, mesh))
     with working("measuring the scan"):
         warnings.add(found.warnings())
     return found

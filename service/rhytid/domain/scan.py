@@ -29,6 +29,8 @@ AUTO = "auto"
 MID_GREY, ZERO = 0.5, 0.0
 # How a map may be turned over: top to bottom, left to right, or both, which is half a turn.
 FLIPS = ("v", "u", "uv")
+# The largest width of a border, in the unit of the scale.
+_WIDEST = 1e6
 # Values that become heights at once.
 _AT_ONCE = 1 << 22
 # Rows that are resampled at once.
@@ -78,8 +80,8 @@ class ScanSettings:
             raise SettingsError(f"scan.flip is {self.flip!r}: one of {', '.join(FLIPS)}")
         if self.detail is not None and not 0.0 <= self.detail <= 1.0:
             raise SettingsError(f"scan.detail is {self.detail}: from 0 to 1")
-        if self.fill is not None and not 0.0 <= self.fill < math.inf:
-            raise SettingsError(f"scan.fill is {self.fill}: a width, 0 for none")
+        if self.fill is not None and not 0.0 <= self.fill <= _WIDEST:
+            raise SettingsError(f"scan.fill is {self.fill}: a width up to {_WIDEST:g}, 0 for none")
         if self.fill and self.detail:
             raise SettingsError("scan.fill and scan.detail: grain has one size, use one of them")
 

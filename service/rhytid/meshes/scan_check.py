@@ -8,7 +8,7 @@ are measured from its values.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import PurePath
@@ -263,7 +263,7 @@ class ScanCheck:
             high=high,
             steepness=_percentiles(steepness, (95.0,))[0],
             turn=best_turn(first, covered),
-            shortest=_shortest(map, covered),
+            shortest=_shortest(map, scales, covered),
             texel=mean_uv_length(self.mesh, udim) / max(map.shape),
         )
 
@@ -440,11 +440,16 @@ class SeamFacts:
         return cls(rms, rms / spread, (x, y, z), ((u, v), (s, t)))
 
 
-def _shortest(map: ScanMap, covered: NDArray[np.bool_]) -> float | None:
-    """The shortest waves of the band that has the shortest ones."""
+def _shortest(map: ScanMap, scales: Sequence[float], covered: NDArray[np.bool_]) -> float | None:
+    """The shortest waves of the band that has the shortest ones, of those that are not flat and
+    have a scale."""
     rows, columns = (((np.arange(n) + 0.5) * len(covered) / n).astype(np.int64) for n in map.shape)
     inside = covered[rows[:, None], columns]
-    found = [shortest_wave(channel, inside) for channel in map.channels]
+    found = [
+        shortest_wave(channel, inside)
+        for channel, scale in zip(map.channels, scales, strict=True)
+        if scale != 0.0 and float(np.ptp(channel)) > 0.0
+    ]
     return min((wave for wave in found if wave is not None), default=None) if all(found) else None
 
 

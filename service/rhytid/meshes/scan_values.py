@@ -90,7 +90,7 @@ def flat_parts(relief: NDArray[np.float32], radius: float, most: float) -> NDArr
             ufunc.reduceat(one, starts, axis=axis)
             for ufunc, one in zip((np.minimum, np.maximum), ends, strict=True)
         ]
-    side = 2 * max(round(radius * MASK_SIDE), 1) + 1
+    side = 2 * max(round(min(radius, 1.0) * MASK_SIDE), 1) + 1
     low = scipy.ndimage.minimum_filter(ends[0], side)
     flat = scipy.ndimage.maximum_filter(ends[1], side) - low <= most
     found: NDArray[np.bool_] = scipy.ndimage.maximum_filter(flat, side)

@@ -18,7 +18,7 @@ from rhytid.errors import InputError
 from rhytid.formats.frames import read_expressions
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import read_mesh
-from rhytid.formats.painted import read_controls, read_stiffness
+from rhytid.formats.painted import read_controls, read_painted, read_stiffness
 from rhytid.formats.scans import read_scan
 
 
@@ -72,7 +72,7 @@ def read_asset(
         settings=settings,
         graph=read_graph(parts["graph"].data) if "graph" in parts else None,
         frames=read.frames,
-        stiffness=_painted(parts, "stiffness", read.mesh) if "stiffness" in parts else None,
+        stiffness=_stiffness(parts, read.mesh) if "stiffness" in parts else None,
         controls=read_controls(images, mesh_udims(read.mesh)),
         force=force,
         shapes=_shapes(parts["shapes"], read.mesh) if "shapes" in parts else read.expressions,
@@ -92,7 +92,8 @@ def _scanned(new: NewAsset, parts: Files, settings: ScanSettings) -> NewAsset:
 
     mesh, unit = new.mesh, new.settings.length_unit
     maps = read_scan(_images(parts["scan"]), mesh_udims(mesh), partial=settings.partial)
-    masks = _painted(parts, "scan_mask", mesh).maps if "scan_mask" in parts else {}
+    sent = _images(parts["scan_mask"]) if "scan_mask" in parts else []
+    masks = read_painted(sent, mesh_udims(mesh), "scan_mask")
     check = ScanCheck(scan_of(maps, settings, mesh, unit), mesh, unit, settings, masks)
     relief = check.relief(new.settings.resolution)
     return replace(new, scan=relief, noted=tuple(check.warnings()))
@@ -105,9 +106,8 @@ def _shapes(part: Sent, mesh: Mesh) -> Expressions:
     return read_expressions(part.data, name, len(mesh.positions), mesh.centre)
 
 
-def _painted(parts: Files, name: str, mesh: Mesh) -> Stiffness:
-    """Grey maps that are read as those of stiffness are."""
-    return read_stiffness(_images(parts[name]), mesh_udims(mesh))
+def _stiffness(parts: Files, mesh: Mesh) -> Stiffness:
+    return read_stiffness(_images(parts["stiffness"]), mesh_udims(mesh))
 
 
 def _images(first: Sent) -> list[tuple[str, bytes]]:
