@@ -63,7 +63,7 @@ def main() -> None:
         grown = AssetSettings.parse(
             {"unit": UNIT, "graph": {"wrinkles": arguments.wrinkles, "age": age}}
         ).for_synthesis()
-        made = synthesize(mesh, grown.graph, device, folds=folds)
+        made = synthesize(mesh, grown.graph, device, folds=folds, unit=UNIT)
         views = views or skin_views(mesh, folds, udim, SIDE_MM * 1e3 / micrometres)
         settings = grown.with_lengths(made.lengths)
         settings = settings.changed({"resolution": RESOLUTION, "shape": {"undulation": 0.0}})
