@@ -9,6 +9,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.residual import ScanRelief
 from rhytid.domain.scan import resampled
 from rhytid.domain.spectra import band_squares
+from rhytid.errors import InputError
 from rhytid.pipeline.grain import GrainPlanes, grain_amplitude, grain_codes, relief_shares
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.tracing.detail import seen, texels_of
@@ -96,6 +97,13 @@ def test_the_spectrum_goes_on_by_place(made):
 
 
 HALVES = slice(0, 7), slice(9, 16)
+
+
+def test_a_scan_that_is_masked_out_is_refused(device):
+    settings = AssetSettings.parse({"unit": "mm", "resolution": OWN, "depth": 0.1})
+    denied = {1001: np.ones((8, 8), np.uint8)}
+    with pytest.raises(InputError, match="masked out throughout"):
+        traced_scan(device, sheet(), ScanRelief({1001: fractal(OWN)}, denied=denied), settings)
 
 
 def test_without_detail_nothing_is_added(device, made):

@@ -35,6 +35,8 @@ TURNS = {
 AS_IT_IS = "as it is"
 # Cells a side of masks of what is flat, for maps that have as many texels.
 MASK_SIDE = 1024
+# Texels on either side of what is flat: fewer are alike by chance.
+_LEAST_FLAT = 4.0
 
 
 def levels_of(channel: Codes) -> tuple[int | None, float, int | None]:
@@ -79,7 +81,8 @@ def noise_of(channel: Codes) -> float:
 def flat_parts(relief: NDArray[np.float32], radius: float, most: float) -> NDArray[np.bool_]:
     """(MASK_SIDE, MASK_SIDE) which cells lie in squares that are flat.
 
-    relief (H, W).  radius: half of the side of a square at least, as a share of that of the map.
+    relief (H, W).  radius: half of the side of a square at least, as a share of that of the map;
+    _LEAST_FLAT texels at least.
     most: how far heights in it may differ.
     """
     ends = [relief, relief]
@@ -90,7 +93,8 @@ def flat_parts(relief: NDArray[np.float32], radius: float, most: float) -> NDArr
             ufunc.reduceat(one, starts, axis=axis)
             for ufunc, one in zip((np.minimum, np.maximum), ends, strict=True)
         ]
-    side = 2 * max(round(min(radius, 1.0) * MASK_SIDE), 1) + 1
+    radius = min(max(radius, _LEAST_FLAT / min(relief.shape)), 1.0)
+    side = 2 * max(round(radius * MASK_SIDE), 1) + 1
     low = scipy.ndimage.minimum_filter(ends[0], side)
     flat = scipy.ndimage.maximum_filter(ends[1], side) - low <= most
     found: NDArray[np.bool_] = scipy.ndimage.maximum_filter(flat, side)

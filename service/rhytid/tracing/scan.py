@@ -52,6 +52,8 @@ def traced_scan(
         udim: charted(device, mesh, udim, settings) & ~denied_of(scan, udim, settings.resolution)
         for udim in scan.maps
     }
+    if not any(inside.any() for inside in charts.values()):
+        raise InputError("there is nothing to trace: the scan is masked out throughout")
     depth = settings.depth or _depth(Workspace(device, call), scan, charts)
     if depth == 0.0:
         raise InputError("there are no lines in the scan: its charts have no fine relief")
