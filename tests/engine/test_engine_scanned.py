@@ -331,6 +331,22 @@ def test_far_from_a_scan_skin_is_as_it_grows(filled):
         assert plain[udim][there].std() > 0.003
 
 
+def test_nothing_grows_in_a_scan_without_lines(tmp_path):
+    """Grain and undulation are drawn where skin grows alone: not in all of the scan, where they
+    would move."""
+    swell = np.sin(np.arange(SIDE) / 40.0) * np.ones((SIDE, 1))
+    scan = ScanRelief({u: swell.astype(np.float32) for u in (1001, 1012)}, 1e-6, border=BORDER)
+    graph = {"spacing": 0.05, "seed": 3, "events": 0.0}
+    settings = new_asset(MESH, depth=0.06, preset="best", unit="mm", graph=graph).settings
+    with running(tmp_path) as engine:
+        id = built(engine, NewAsset(MESH, settings, scan=scan))
+        engine.frames.put(id, "bent", BENT)
+        rest = engine.tiles.plan_map(id, "neutral", QUERIES[1], 1001, 0).draw()
+        moved = np.abs(whole(engine, id, QUERIES[1], 1001) - rest)
+    assert moved[SIDE // 3 : -SIDE // 3, : SIDE // 3].max() < 1e-6
+    assert moved[:, -SIDE // 8 :].max() > 1e-4
+
+
 def test_there_is_no_step_at_the_border(filled):
     """From texel to texel heights differ no more than in the scan and in skin that grows."""
     maps, rest, plain, far, _ = filled

@@ -119,6 +119,27 @@ def texels_of(map: Relief, side: int) -> Relief:
     return means.astype(np.float32)
 
 
+def bare_in(mesh: Mesh, graph: WrinkleGraph, bare: Inside) -> WrinkleGraph:
+    """The graph with a node that is not drawn in each triangle of some, bare (F,), which says that
+    there is neither grain nor undulation: else these are carried on to where nothing was traced."""
+    triangles = np.flatnonzero(bare)
+    uv, count, square = mesh.triangle_uv().mean(axis=1), len(triangles), _POINT**-2.0
+    more: dict[str, NDArray[Any]] = {
+        "node_uv": uv[triangles],
+        "node_radius": np.full(count, _POINT),
+        "node_triangle": triangles,
+        "node_copy_of": np.full(count, ORIGINAL),
+        "node_metric": np.tile([square, 0.0, square], (count, 1)),
+    }
+    none, arrays = np.zeros(count), graph.arrays()
+    nodes: dict[str, Any] = {
+        name: np.concatenate([given, more.get(name, none).astype(given.dtype)])
+        for name, given in arrays.items()
+        if name.startswith("node")
+    }
+    return replace(graph, **nodes)
+
+
 def grain_at_rest(
     device: Device,
     mesh: Mesh,
@@ -239,26 +260,9 @@ def _at_nodes(graph: WrinkleGraph, factors: dict[int, FloatArray]) -> NDArray[np
 
 
 def _bare_beyond(mesh: Mesh, graph: WrinkleGraph, scan: ScanRelief) -> WrinkleGraph:
-    """The graph with a node that is not drawn in each triangle of UDIMs without detail: it says
-    that there is no grain, which else is carried on to where nothing was traced."""
+    """The graph, bare in UDIMs without detail."""
     others = [udim for udim in mesh_udims(mesh) if udim not in scan.ends]
-    uv = mesh.triangle_uv().mean(axis=1)
-    triangles = np.flatnonzero(np.isin(udims_at(uv), others))
-    count, square = len(triangles), _POINT**-2.0
-    more: dict[str, NDArray[Any]] = {
-        "node_uv": uv[triangles],
-        "node_radius": np.full(count, _POINT),
-        "node_triangle": triangles,
-        "node_copy_of": np.full(count, ORIGINAL),
-        "node_metric": np.tile([square, 0.0, square], (count, 1)),
-    }
-    none, arrays = np.zeros(count), graph.arrays()
-    nodes: dict[str, Any] = {
-        name: np.concatenate([given, more.get(name, none).astype(given.dtype)])
-        for name, given in arrays.items()
-        if name.startswith("node")
-    }
-    return replace(graph, **nodes)
+    return bare_in(mesh, graph, np.isin(udims_at(mesh.triangle_uv().mean(axis=1)), others))
 
 
 def _with_grain(mesh: Mesh, graph: WrinkleGraph) -> list[int]:

@@ -27,7 +27,7 @@ from rhytid.domain.tiles import mesh_udims, texel_centres, udim_origin, udims_at
 from rhytid.domain.uv_layout import mean_uv_length
 from rhytid.pipeline.grain import relief
 from rhytid.support import cancellation
-from rhytid.tracing.detail import grain_at_rest
+from rhytid.tracing.detail import bare_in, grain_at_rest
 from rhytid.tracing.fit import drawn_neutral
 from rhytid.tracing.trace import Trace, shown, traced_settings
 
@@ -84,14 +84,17 @@ class ScanShares:
 
     def nodes(self, graph: WrinkleGraph) -> Shares:
         """(N,) at the nodes of a graph; at copies that of what they are copies of."""
-        found = np.zeros(graph.pores, np.float32)
-        of = udims_at(graph.node_uv.astype(np.float64))
-        for udim, cells in self.cells.items():
-            here = of == udim
-            local = graph.node_uv[here] - np.array(udim_origin(udim), np.float32)
-            found[here] = bilinear(cells, local)
+        found = self.at(graph.node_uv)
         of_originals: Shares = found[graph.original_nodes(np.arange(graph.pores))]
         return of_originals
+
+    def at(self, uv: NDArray[np.floating]) -> Shares:
+        """(N,) at places (N, 2); 0 in other UDIMs."""
+        found, of = np.zeros(len(uv), np.float32), udims_at(uv.astype(np.float64))
+        for udim, cells in self.cells.items():
+            here = of == udim
+            found[here] = bilinear(cells, uv[here] - np.array(udim_origin(udim), np.float32))
+        return found
 
 
 def denied_of(scan: ScanRelief, udim: int, side: int) -> NDArray[np.bool_]:
@@ -129,6 +132,7 @@ def mixed(
     assert found.graph.origin is not None  # of what is traced
     patch = None if graph.origin is None else graph.origin.patch_size
     whole = WrinkleGraph(**both, origin=replace(found.graph.origin, patch_size=patch))
+    whole = bare_in(mesh, whole, shares.at(mesh.triangle_uv().mean(axis=1)) == 1.0)
     drawn, residual, charts = traced_settings(settings, filled=True), {}, {}
     for udim, map in scan.maps.items():
         rest = drawn_neutral(device, whole, drawn, udim)
