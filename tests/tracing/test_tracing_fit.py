@@ -157,6 +157,23 @@ def test_a_step_that_leaves_more_is_not_taken(device, monkeypatch):
     np.testing.assert_array_equal(found.lines.weight, [0.3, 0.3])
 
 
+def test_a_fit_never_ends_worse_than_it_began(device, monkeypatch):
+    """Also where maps that steps reckon with promise less than drawing leaves."""
+    settings, line = settings_of(), one_line(weight=(0.3, 0.3))
+    true = fit.neutral_graph(one_line(weight=(0.31, 0.31)), no_pores(), settings)
+    scan = fit.drawn_neutral(device, true, settings, 1001)
+
+    def promise(work, device, here, scan, inside, settings):
+        lines = fit.changed(here.lines, 1.5 * here.lines.weight, here.lines.half_width)
+        return fit._Place(lines, here.pores, here.drawn, 0.5 * here.apart)
+
+    monkeypatch.setattr(fit, "_further", promise)
+    with Workspace(device) as work:
+        everywhere = np.ones(scan.shape, np.bool_)
+        found = fit.fitted(work, device, line, no_pores(), scan, everywhere, settings, steps=2)
+    np.testing.assert_array_equal(found.lines.weight, line.weight)
+
+
 @pytest.mark.parametrize(("offered", "taken"), [(1.1, 0.3 * 1.16), (2.5, 0.5)])
 def test_a_step_is_as_long_as_leaves_least(device, monkeypatch, offered, taken):
     """But 1.6 times what is offered at most."""

@@ -15,10 +15,9 @@
 #else
 #define DRAW_STRETCHES(part, sums, shape, members, first, end)                                     \
     for (int k = 0; k < SLOTS; k++)                                                                \
-        DRAW_EACH_LINE(slot_of(sums, k), shape, members, first, end, true,                             \
+        DRAW_EACH_LINE(slot_of(sums, k), shape, members, first, end, true,                         \
                        COARSE_LINE(part, i, STRETCHED_SIZE(i, stretches[k], 0.0f)))
 #endif
-
 
 // Up to eight samples from x on of row y of the block, as codes of every stretch: as many as there are
 // before the next whole eight of the target, and before `end`. i: where the first goes. Answers how many.

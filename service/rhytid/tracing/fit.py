@@ -86,8 +86,9 @@ def fitted(
     steps: int = STEPS,
     progress: Progress = silent,
 ) -> Fitted:
-    """Lines and pores after `steps` steps, or fewer where one leaves hardly less; shallower ones
-    where they leave more than there was, about its mean.
+    """Lines and pores after `steps` steps, or fewer where one leaves hardly less; those given where
+    in the end more is left than at first; shallower ones where they leave more than there was,
+    about its mean.
 
     What is left counts as a whole, as far as a midlevel that is off, though the steps go by its
     narrow part alone: fits that went on while that part shrank made broad pits of faint lines, and
@@ -101,7 +102,7 @@ def fitted(
         gain = _gain(work, drawn, scan, inside)
         lines, pores = _times(gain, lines, pores)
         drawn *= np.float32(gain)
-    here = _Place(lines, pores, drawn, _apart(scan, drawn, inside))
+    first = here = _Place(lines, pores, drawn, _apart(scan, drawn, inside))
     left = [rms_of_some(here.apart, texels)]
     for step in range(steps):
         progress(step / (steps + 1), "fit")
@@ -111,6 +112,8 @@ def fitted(
             break
     best = here.lines, here.pores
     rest = _apart(scan, _drawn(device, *best, settings), inside)
+    if rms_of_some(rest, texels) > left[0]:  # maps do not go with sizes all the way
+        best, rest = (first.lines, first.pores), first.apart
     if spread(rest, inside) > spread(scan, inside):
         best, rest = _shrunk(device, *best, scan, rest, inside, settings)
     lines, pores = _within_range(device, *best, scan, rest, inside, settings)
