@@ -87,12 +87,10 @@ def fitted(
     progress: Progress = silent,
 ) -> Fitted:
     """Lines and pores after `steps` steps, or fewer where one leaves hardly less; those given where
-    in the end more is left than at first; shallower ones where they leave more than there was,
-    about its mean.
+    in the end more is left; shallower ones where they leave more than there was, about its mean.
 
-    What is left counts as a whole, as far as a midlevel that is off, though the steps go by its
-    narrow part alone: fits that went on while that part shrank made broad pits of faint lines, and
-    moved skin of known lines worse.
+    What is left counts as a whole, though the steps go by its narrow part alone: fits that went on
+    while that part shrank made broad pits of faint lines, and moved skin of known lines worse.
 
     scan (R, R): relief, mesh units.  inside (R, R): where there is skin.  settings: resolved,
     without grain and undulation.
