@@ -100,7 +100,7 @@ def fitted(
         gain = _gain(work, drawn, scan, inside)
         lines, pores = _times(gain, lines, pores)
         drawn *= np.float32(gain)
-    first = here = _Place(lines, pores, drawn, _apart(scan, drawn, inside))
+    first, here = (lines, pores), _Place(lines, pores, drawn, _apart(scan, drawn, inside))
     left = [rms_of_some(here.apart, texels)]
     for step in range(steps):
         progress(step / (steps + 1), "fit")
@@ -111,7 +111,7 @@ def fitted(
     best = here.lines, here.pores
     rest = _apart(scan, _drawn(device, *best, settings), inside)
     if rms_of_some(rest, texels) > left[0]:  # maps do not go with sizes all the way
-        best, rest = (first.lines, first.pores), first.apart
+        best, rest = first, _apart(scan, _drawn(device, *first, settings), inside)
     if spread(rest, inside) > spread(scan, inside):
         best, rest = _shrunk(device, *best, scan, rest, inside, settings)
     lines, pores = _within_range(device, *best, scan, rest, inside, settings)
