@@ -3,7 +3,7 @@
 // as in redraw.cl; each map has sums of its own. Without BULGING no profile changes sign, and there are
 // no bulges. PARTS: 1, valleys and bulges in one map, or 2, a map of each, for the mellow-max.
 // Error of a code at most half a step beyond that of draw.clh.
-#define SLOTS (STRETCHES + 2 * TILTED)
+#define DRAWINGS (STRETCHES + 2 * TILTED)
 #define APART (BULGING ? 2 * SUMS : SUMS)
 #define WHOLE (BULGING ? BOTH_PARTS : VALLEYS)
 #include "codes.clh"
@@ -12,11 +12,11 @@
 #include "tilt.clh"
 #include "vectors.clh"
 
-inline sums_t sums_of_slots(place_t place, __local float *memory)
+inline sums_t sums_of_drawings(place_t place, __local float *memory)
 {
     sums_t sums = {memory, memory + APART - SUMS, get_local_id(0), place.low};
-    for (int k = 0; k < SLOTS; k++)
-        clear_sums(slot_of(sums, k));
+    for (int k = 0; k < DRAWINGS; k++)
+        clear_sums(drawing_of(sums, k));
     return sums;
 }
 
@@ -34,13 +34,13 @@ inline void write_eight(sums_t sums, int x, int y, int i, shape_t shape, float d
     for (int k = 0; k < STRETCHES; k++)
         for (int part = 0; part < PARTS; part++) {
             float8 heights =
-                heights_at(slot_of(sums, k), x, y, shape, PARTS == 2 ? VALLEYS + part : WHOLE);
+                heights_at(drawing_of(sums, k), x, y, shape, PARTS == 2 ? VALLEYS + part : WHOLE);
             int2 map = {maps.first + part * maps.behind + k, maps.all};
             vstore8(CODES8(heights, depth * stretches[k].z), 0, codes + code_place(i, map));
         }
     if (TILTED) {
-        float8 up = depth * heights_at(slot_of(sums, STRETCHES), x, y, shape, WHOLE);
-        float8 down = depth * heights_at(slot_of(sums, STRETCHES + 1), x, y, shape, WHOLE);
+        float8 up = depth * heights_at(drawing_of(sums, STRETCHES), x, y, shape, WHOLE);
+        float8 down = depth * heights_at(drawing_of(sums, STRETCHES + 1), x, y, shape, WHOLE);
         vstore8(CODES8(tilts_of(up, down, share), CODE_LIMIT), 0,
                 codes + code_place(i, (int2)(maps.tilt, maps.all)));
     }
@@ -66,8 +66,8 @@ inline void write_maps(sums_t sums, place_t place, shape_t shape, float depth,
                   LINE_AT(i, STRETCHED_SIZE(i, stretches[k], LEAN_OF(i)), corner, least))
 #else
 #define DRAW_BIN(sums, shape, members, first, end, corner, least)                                  \
-    for (int k = 0; k < SLOTS; k++)                                                                \
-        DRAW_EACH_LINE(slot_of(sums, k), shape, members, first, end, bins[i] == bin,               \
+    for (int k = 0; k < DRAWINGS; k++)                                                             \
+        DRAW_EACH_LINE(drawing_of(sums, k), shape, members, first, end, bins[i] == bin,            \
                        LINE_AT(i, STRETCHED_SIZE(i, stretches[k], LEAN_OF(i)), corner, least))
 #endif
 
@@ -80,10 +80,10 @@ __kernel void draw_wrinkle_bin(LINES, SHARES_OF_LINES __global const float8 *str
                                float4 shape_values, float least, float depth, int blocks, int row,
                                int column, int4 maps, __global CODE *codes)
 {
-    __local float memory[SLOTS * APART];
+    __local float memory[DRAWINGS * APART];
     shape_t shape = shape_of(shape_values);
     place_t place = place_of_group(blocks, row, column);
-    sums_t sums = sums_of_slots(place, memory);
+    sums_t sums = sums_of_drawings(place, memory);
     int block = place.block;
     DRAW_BIN(sums, shape, members, offsets[block], offsets[block + 1], place.corner, least);
     write_maps(sums, place, shape, depth, stretches, tilt.w, maps, codes);
@@ -96,13 +96,13 @@ __kernel void draw_pore_layer(__global const float2 *centres, __global const flo
                               float depth, int blocks, int row, int column, int4 maps,
                               __global CODE *codes)
 {
-    __local float memory[SLOTS * APART];
+    __local float memory[DRAWINGS * APART];
     shape_t shape = shape_of(shape_values);
     place_t place = place_of_group(blocks, row, column);
-    sums_t sums = sums_of_slots(place, memory);
+    sums_t sums = sums_of_drawings(place, memory);
     int block = place.block;
     for (int k = 0; k < STRETCHES; k++)
-        DRAW_PORES(slot_of(sums, k), shape, members, offsets[block], offsets[block + 1],
+        DRAW_PORES(drawing_of(sums, k), shape, members, offsets[block], offsets[block + 1],
                    scaled_pore(roots[i], stretches[k].xy, least), centres[i] - place.corner);
     write_maps(sums, place, shape, depth, stretches, 0.0f, maps, codes);
 }

@@ -1,6 +1,6 @@
 // Precomputed maps of the broad layer (cushion.cl): all lines at several log stretches, as codes.
 // Error of a code at most half a step beyond that of cushion.cl.
-#define SLOTS STRETCHES
+#define DRAWINGS STRETCHES
 #define APART SUMS
 #include "codes.clh"
 #include "coarse.clh"
@@ -14,8 +14,8 @@
                   LEAST_HALF_WIDTH, COARSE_LINE(part, i, STRETCHED_SIZE(i, stretches[k], 0.0f)))
 #else
 #define DRAW_STRETCHES(part, sums, shape, members, first, end)                                     \
-    for (int k = 0; k < SLOTS; k++)                                                                \
-        DRAW_EACH_LINE(slot_of(sums, k), shape, members, first, end, true,                         \
+    for (int k = 0; k < DRAWINGS; k++)                                                             \
+        DRAW_EACH_LINE(drawing_of(sums, k), shape, members, first, end, true,                      \
                        COARSE_LINE(part, i, STRETCHED_SIZE(i, stretches[k], 0.0f)))
 #endif
 
@@ -25,8 +25,8 @@ inline int write_samples(sums_t sums, int x, int y, int end, int i, shape_t shap
                          __global const float8 *stretches, int2 map, __global CODE *codes)
 {
     const int count = min(LANES - i % LANES, end - x);
-    for (int k = 0; k < SLOTS; k++, map.x++) {
-        float8 heights = depth * heights_at(slot_of(sums, k), x, y, shape, VALLEYS);
+    for (int k = 0; k < DRAWINGS; k++, map.x++) {
+        float8 heights = depth * heights_at(drawing_of(sums, k), x, y, shape, VALLEYS);
         int8 found = nearest_codes8(heights * stretches[k].z, CODE_LIMIT);
         __global CODE *to = codes + code_place(i, map);
         if (count == LANES)
@@ -38,7 +38,7 @@ inline int write_samples(sums_t sums, int x, int y, int end, int i, shape_t shap
     return count;
 }
 
-// As in cushion.cl. stretches: of the SLOTS maps, see stretches.clh, the same at both ends of a line.
+// As in cushion.cl. stretches: of the DRAWINGS maps, see stretches.clh, the same at both ends of a line.
 // map: the first of them, as code_place has it. target: where in a tile the first sample of the square
 // goes, and samples a row of the tile.
 __kernel void cushion_maps(LINES, SHARES_OF_LINES __global const float8 *stretches,
@@ -46,12 +46,12 @@ __kernel void cushion_maps(LINES, SHARES_OF_LINES __global const float8 *stretch
                            float4 shape_values, float depth, int4 place, int2 target, int2 map,
                            __global CODE *codes)
 {
-    __local float memory[SLOTS * SUMS];
+    __local float memory[DRAWINGS * SUMS];
     shape_t shape = shape_of(shape_values);
     square_t square = {place.x, place.y, place.z, place.w};
     part_t part = part_of_group(square);
     sums_t sums;
-    for (int k = SLOTS - 1; k >= 0; k--)
+    for (int k = DRAWINGS - 1; k >= 0; k--)
         sums = valleys_at(part, memory + k * APART);
     DRAW_STRETCHES(part, sums, shape, members, offsets[part.block], offsets[part.block + 1]);
     for (int y = first_owned(sums, sums.low); y < sums.low + ROWS; y += ITEMS) {

@@ -44,7 +44,7 @@ _STEP_SHARE = 1 / 16
 
 _Launch = Callable[[], None]
 # Drawings of a bin that its tilt is made of.
-_TILT_SLOTS = 2
+_TILT_DRAWINGS = 2
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,9 @@ class _Run:
     share: int = 1
 
     @property
-    def slots(self) -> int:
+    def drawings(self) -> int:
         """Drawings that have sums of their own."""
-        return len(self.samples) + _TILT_SLOTS * self.tilted
+        return len(self.samples) + _TILT_DRAWINGS * self.tilted
 
     @property
     def maps(self) -> int:
@@ -164,11 +164,11 @@ class BinMaker:
         rows = min(device.shape.rows, BLOCK)
         at_once = device.maps_at_once(sums_of_map(BLOCK, rows) * (1 + self._bulging(layer)))
         whole = _Run(layer, range(samples), tilted)
-        if whole.slots <= at_once:
+        if whole.drawings <= at_once:
             return [whole]
         most = range(samples)
         runs = [_Run(layer, most[at : at + at_once], False) for at in most[::at_once]]
-        share = 2 if self._bulging(layer) and at_once < _TILT_SLOTS else 1
+        share = 2 if self._bulging(layer) and at_once < _TILT_DRAWINGS else 1
         return [*runs, _Run(layer, range(0), True, share)] if tilted else runs
 
     def _bulging(self, layer: int) -> bool:
