@@ -266,6 +266,11 @@ def test_there_is_no_detail_where_no_map_ends(tmp_path):
             found = engine.tiles.plan_map(id, "neutral", QUERIES[1], udim, 0).draw()
             assert np.abs(found - maps.get(udim, 0.0)).max() < 2e-6
         assert np.abs(whole(engine, id, QUERIES[1], 1002)[:, SIDE // 2 :]).max() < 2e-6
+        graph = engine.assets.graph(id)
+        ends = np.isin(np.arange(graph.pores), graph.edge_nodes)
+        silent = graph.own_nodes & (graph.node_weight == 0) & ~ends
+        assert silent.any()
+        assert engine.assets.info(id).pores == np.count_nonzero(graph.own_nodes & ~silent)
 
 
 BORDER = 0.05
