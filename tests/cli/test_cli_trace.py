@@ -179,13 +179,18 @@ def test_packages_have_the_residual(traced: Traced, tmp_path: Path, way: str) ->
     assert manifest["residual"]["step"] < 2 * STEP
 
 
-def test_grown_skin_fills_in_what_is_masked_out(traced: Traced, tmp_path: Path) -> None:
+def test_grown_skin_fills_in_what_is_masked_out(
+    traced: Traced, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """On the left; on the right, from the border on, residual and neutral are the scan."""
     mask, settings, out = tmp_path / "mask.png", tmp_path / "given.json", tmp_path / "traced"
     grey = np.repeat(np.arange(SIDE) > 0.4 * SIDE, SIDE).reshape(SIDE, SIDE).T
     Image.fromarray((255 * grey).astype(np.uint8)).save(mask)
     settings.write_text(json.dumps({"graph": {"spacing": 1.0, "events": 0.0}}))
     given = (traced.mesh, traced.scan, "--scale", RANGE, "--out", out, "--settings", settings)
+    assert trace(*given, "--scan-mask", mask, "--fill", 1000) == 1
+    assert "1000 mesh units wide" in capsys.readouterr().err
+    assert not list(out.glob("*"))
     assert trace(*given, "--scan-mask", mask, "--fill", 0.5) == 0
     kept = json.loads((out / "settings.json").read_text())["shape"]
     assert (kept["grain"], kept["undulation"]) == (0.02, 0.18)

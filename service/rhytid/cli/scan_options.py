@@ -92,7 +92,10 @@ def add_traced_settings(parser: Arguments) -> None:
         "wide, in the unit of --scale, from which on skin at rest is the scan (default: 0, none)"
     )
     parser.add_argument("--fill", type=float, metavar="W", help=fill)
-    mask = "where the scan counts: grey images by UDIM; lines in what is black are not traced"
+    mask = (
+        "where the scan counts: grey images by UDIM, as they lie in the UV of the mesh (--flip "
+        "does not turn them); lines in what is black are not traced"
+    )
     add_several(parser, "--scan-mask", type=existing, metavar="IMAGE", help=mask)
 
 

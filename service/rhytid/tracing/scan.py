@@ -21,7 +21,7 @@ from rhytid.tracing.detail import with_detail
 from rhytid.tracing.fit import drawn_neutral
 from rhytid.tracing.measure import depth_of, fine_part
 from rhytid.tracing.mixed import Growth, ScanShares, denied_of, mixed
-from rhytid.tracing.trace import Trace, TraceSettings, charted, trace, traced_settings
+from rhytid.tracing.trace import Relief, Trace, TraceSettings, charted, trace, traced_settings
 
 # How much of the work is done when skin is grown that fills in.
 _GROWN = 0.3
@@ -77,20 +77,15 @@ def _filled(
     growth: Growth,
 ) -> Trace:
     """Trace a scan, and let skin grow where there is none."""
+    progress(0.0, "measuring")
+    shares = ScanShares.of(device, mesh, scan, settings.resolution)
+    maps, charts = _counting(device, mesh, scan, settings, shares)
     settings = settings.for_synthesis()
     grown = synthesize(
         mesh, settings.graph, device, part(progress, 0.0, _GROWN), call=call,
         controls=growth.controls, folds=growth.folds, unit=settings.length_unit,
     )  # fmt: skip
     progress(_GROWN, "measuring")
-    shares = ScanShares.of(device, mesh, scan, settings.resolution)
-    charts = {
-        udim: charted(device, mesh, udim, settings) & (shares.texels(udim, settings.resolution) > 0)
-        for udim in scan.maps
-    }
-    maps = {udim: map for udim, map in scan.maps.items() if charts[udim].any()}
-    if not maps:
-        raise InputError("there is nothing to trace: the scan is flat or masked out throughout")
     scan = replace(scan, maps=maps)
     depth = settings.depth or max(
         grown.lengths.depth, _depth(Workspace(device, call), scan, charts)
@@ -100,6 +95,28 @@ def _filled(
     found = trace(device, mesh, maps, resolved, how, part(progress, _GROWN, 1.0), call, charts)
     drawn = grown.graph, settings.depth or grown.lengths.depth
     return mixed(device, mesh, scan, found, drawn, shares, resolved)
+
+
+def _counting(
+    device: Device, mesh: Mesh, scan: ScanRelief, settings: AssetSettings, shares: ScanShares
+) -> tuple[dict[int, Relief], dict[int, NDArray[np.bool_]]]:
+    """The maps that count somewhere, and in which texels; refuses a scan that counts nowhere, or
+    nowhere in full, so that nothing of the skin would be the scan at rest."""
+    resolution, charts, full = settings.resolution, {}, False
+    for udim in scan.maps:
+        share, chart = shares.texels(udim, resolution), charted(device, mesh, udim, settings)
+        charts[udim] = chart & (share > 0)
+        full |= bool((share[chart] == 1.0).any())
+    maps = {udim: map for udim, map in scan.maps.items() if charts[udim].any()}
+    if not maps:
+        raise InputError("there is nothing to trace: the scan is flat or masked out throughout")
+    if not full:
+        raise InputError(
+            "there is no place where the scan counts in full: the border of skin that fills in is "
+            f"{scan.border:g} mesh units wide, and what is flat, masked out or missing is nearer "
+            "than that everywhere; make it narrower"
+        )
+    return maps, charts
 
 
 def _depth(work: Workspace, scan: ScanRelief, charts: dict[int, NDArray[np.bool_]]) -> float:
