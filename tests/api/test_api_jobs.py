@@ -195,7 +195,8 @@ def test_a_look_that_fails_ends_the_stream_and_no_other(caplog: pytest.LogCaptur
     async def listen() -> None:
         listened = events.JobEvents(look, lambda: False)
         for _ in range(2):
-            assert await collect(listened.of(JOB)) == [events.event("progress", JOB)]
+            told = [one for one in await collect(listened.of(JOB)) if one.startswith(b"event")]
+            assert told == [events.event("progress", JOB)]
 
     asyncio.run(listen())
     assert caplog.text.count("job j cannot be looked at") == 2
