@@ -239,9 +239,10 @@ def _refuse_shine_without_effect(arguments: argparse.Namespace) -> None:
         arguments.usage_error("--base-roughness is of the profiles roughness and anisotropy")
     normals = sorted(name for name in names if name.startswith("normal"))
     if arguments.level is None and normals and names & of_base:
+        based, told = ", ".join(sorted(names & of_base)), ", ".join(normals)
         note(
-            f"rhytid bake: {', '.join(sorted(names & of_base))} are of level {USUAL.of_moments}, "
-            f"{', '.join(normals)} of level 0: a shader that reads both needs one; give --level"
+            f"rhytid bake: notice: maps of {based} are of level {USUAL.of_moments}, those of "
+            f"{told} of level 0: a shader that reads both needs one; give --level"
         )
 
 
