@@ -85,7 +85,7 @@ class WrinkleGraph:
     reaches over a UV seam, in the UV of the other side, the row of what it is a copy of. A copy
     answers to stretch as its original does, whatever triangle it names; it is the same pore or
     wrinkle. A node of strength 0 that is a copy is the end of a wrinkle whose pore has its place in
-    another chart; one of strength 0 that ends no wrinkle says what grain there is, and no more.
+    another chart; one of strength 0 that ends no wrinkle may say what grain there is, and no more.
     edge_metric (M, 3) f32 or None: as node_metric, of the points of the segment: the rim of a
     wrinkle is that far from it, in place of edge_half_width; 0, 0, 0 for a wrinkle without one.
     origin: what it was made with, and of which mesh; None where that is not known.
@@ -176,11 +176,14 @@ class WrinkleGraph:
         return found
 
     def counts(self) -> tuple[int, int]:
-        """Numbers of pores and of wrinkles: nodes but for events, and edges, without copies. Nodes
-        without strength count where they end a wrinkle."""
-        shown = self.node_weight > 0
-        shown[self.edge_nodes] = True
-        pores = self.own_nodes & shown
+        """Numbers of pores and of wrinkles: nodes but for events, and edges, without copies. Where
+        nodes say what grain there is, those that have no strength and end no wrinkle are no pores.
+        """
+        pores = self.own_nodes
+        if self.node_grain is not None:
+            shown = self.node_weight > 0
+            shown[self.edge_nodes] = True
+            pores = pores & shown
         if self.node_kind is not None:
             pores = pores & (self.node_kind == 0)
         return int(np.count_nonzero(pores)), int(np.count_nonzero(self.own_edges))
