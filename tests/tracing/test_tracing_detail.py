@@ -12,7 +12,7 @@ from rhytid.domain.spectra import band_squares
 from rhytid.errors import InputError
 from rhytid.pipeline.grain import GrainPlanes, grain_amplitude, grain_codes, relief_shares
 from rhytid.pipeline.locate import UdimTriangles
-from rhytid.tracing.detail import seen, texels_of
+from rhytid.tracing.detail import seen, texels_with_means
 from rhytid.tracing.scan import traced_scan
 from rhytid.tracing.trace import traced_settings
 from synthesis.sheets import sheet
@@ -30,10 +30,10 @@ def noise(side: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).normal(size=(side, side)).astype(np.float32)
 
 
-def test_texels_of_a_scan_that_was_made_larger_are_its_own() -> None:
+def test_texels_with_means_a_scan_that_was_made_larger_are_its_own() -> None:
     for side, size in ((64, 256), (48, 256), (100, 128)):
         own = noise(side)
-        assert texels_of(resampled(own, size, size), side) == pytest.approx(own, abs=2e-5)
+        assert texels_with_means(resampled(own, size, size), side) == pytest.approx(own, abs=2e-5)
 
 
 def test_what_is_seen_of_grain_has_its_means() -> None:
@@ -75,7 +75,7 @@ def made(device):
     return truth, larger, lines + grain + found.residual[1001], found
 
 
-def test_means_over_texels_of_the_scan_stay(made):
+def test_means_over_texels_with_means_the_scan_stay(made):
     _, larger, rest, _ = made
     apart = np.abs(means(rest - larger, OWN))
     assert apart.max() < 0.5 / 65535 * np.ptp(larger)

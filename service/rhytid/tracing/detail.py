@@ -8,6 +8,7 @@ it the texels of the scan would see is taken away at rest, so that each of their
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -78,8 +79,10 @@ def with_detail(
     for udim in scan.ends:
         lines = scan.maps[udim] - found.residual[udim]
         even = grain_at_rest(device, mesh, found.graph, lines, drawn, udim)
-        factors[udim] = scan.detail * _factors(scan, udim, even, found.charts[udim])
-    graph = replace(found.graph, origin=origin, node_grain=_at_nodes(found.graph, factors))
+        wanted = scan.detail * _factors(scan, udim, even, found.charts[udim])
+        factors[udim] = wanted.astype(np.float32)
+    height = np.clip(at_places(factors, found.graph.node_uv), 0.0, _MOST)
+    graph = replace(found.graph, origin=origin, node_grain=height)
     graph = _bare_beyond(mesh, graph, scan)
     residual, none = dict(found.residual), np.zeros((drawn.resolution,) * 2, np.float32)
     for udim in _with_grain(mesh, graph):
@@ -92,12 +95,12 @@ def with_detail(
 
 
 def seen(grain: Relief, side: int) -> Relief:
-    """(R, R) what a scan of `side` texels a side sees of grain (R, R): `texels_of` it, made larger
-    as a scan is."""
-    return resampled(texels_of(grain, side), len(grain), len(grain))
+    """(R, R) what a scan of `side` texels a side sees of grain (R, R): the texels that have its
+    means, made larger as a scan is."""
+    return resampled(texels_with_means(grain, side), len(grain), len(grain))
 
 
-def texels_of(map: Relief, side: int) -> Relief:
+def texels_with_means(map: Relief, side: int) -> Relief:
     """(side, side) the texels which, made larger by cubics as those of a scan are, have the means
     of a map (R, R) over each of them; of a scan that was made larger, its own."""
     size = len(map)
@@ -218,7 +221,7 @@ def _wanted(scan: ScanRelief, udim: int, inside: Inside) -> tuple[FloatArray, ND
     """(B, B) the mean square of the octave below the shortest waves of a scan, by place, as its
     last three octaves fall, and where that was measured."""
     side = scan.ends[udim]
-    own = texels_of(scan.maps[udim], side)
+    own = texels_with_means(scan.maps[udim], side)
     octaves = [(2.0, 4.0), (4.0, 8.0), (8.0, 16.0)]
     squares, known = band_squares(own, _within(inside, side), octaves)
     if not known.any():
@@ -248,15 +251,13 @@ def _smooth(values: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
     return filled
 
 
-def _at_nodes(graph: WrinkleGraph, factors: dict[int, FloatArray]) -> NDArray[np.float32]:
-    """(N,) factors at the nodes of a graph; 0 in other UDIMs."""
-    found = np.zeros(graph.pores, np.float32)
-    of = udims_at(graph.node_uv.astype(np.float64))
-    for udim, map in factors.items():
+def at_places(maps: Mapping[int, Relief], uv: NDArray[np.floating]) -> NDArray[np.float32]:
+    """(N,) values of maps of UDIMs at places (N, 2), between their texels; 0 in other UDIMs."""
+    found, of = np.zeros(len(uv), np.float32), udims_at(uv.astype(np.float64))
+    for udim, map in maps.items():
         here = of == udim
-        local = graph.node_uv[here].astype(np.float64) - udim_origin(udim)
-        found[here] = bilinear(map.astype(np.float32), local)
-    return np.clip(found, 0.0, _MOST)
+        found[here] = bilinear(map, uv[here].astype(np.float64) - udim_origin(udim))
+    return found
 
 
 def _bare_beyond(mesh: Mesh, graph: WrinkleGraph, scan: ScanRelief) -> WrinkleGraph:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -15,6 +16,14 @@ from rhytid.domain.graph import ORIGINAL
 from rhytid.domain.tiles import udim_origin
 from rhytid.tracing.ridges import LINE_POWER, PIT_POWER, Floats, Pits, ValleyPoints
 
+Arrays = dict[str, NDArray[Any]]
+# Arrays of graphs whose values are numbers of nodes or wrinkles; below 0 they are of none.
+_REFERS = {
+    "edge_nodes": "node",
+    "node_copy_of": "node",
+    "edge_copy_of": "edge",
+    "edge_partners": "edge",
+}
 # Texels of a wrinkle along its line, and the least of a line. Where wrinkles have a broad layer
 # they are longer: where many lie within its width, their heights would add up. On skin of known
 # lines 4 and 9 left more to be found than 6, and 12 was no better than 8.
@@ -258,9 +267,7 @@ def _calibrated(curvature: Any, power: float) -> tuple[float, float]:
     return 1.0 / best, 1.0 / (best**2 * curvature(best))
 
 
-def graph_arrays(
-    lines: TracedLines, pores: TracedPores, udim: int, resolution: int
-) -> dict[str, NDArray[Any]]:
+def graph_arrays(lines: TracedLines, pores: TracedPores, udim: int, resolution: int) -> Arrays:
     """The arrays of a graph without triangles: nodes of lines, of no strength, then pores."""
     x, y = np.concatenate([lines.x, pores.x]), np.concatenate([lines.y, pores.y])
     uv = np.stack([(x + 0.5) / resolution, 1.0 - (y + 0.5) / resolution], axis=1)
@@ -287,6 +294,33 @@ def graph_arrays(
         "edge_end_half_widths": widths.astype(np.float32),
         "edge_partners": lines.partners.astype(np.int32),
     }
+
+
+def together(parts: Sequence[Arrays]) -> Arrays:
+    """The arrays of several graphs as one. All have the same names."""
+    found, counts = [], {"node": 0, "edge": 0}
+    for arrays in parts:
+        refers = {
+            name: np.where(rows >= 0, rows + np.int32(counts[of]), rows)
+            for name, of in _REFERS.items()
+            if (rows := arrays.get(name)) is not None
+        }
+        found.append(arrays | refers)
+        counts["node"] += len(arrays["node_uv"])
+        counts["edge"] += len(arrays["edge_nodes"])
+    return {name: np.concatenate([arrays[name] for arrays in found]) for name in found[0]}
+
+
+def selected(arrays: Arrays, nodes: NDArray[np.bool_], edges: NDArray[np.bool_]) -> Arrays:
+    """The arrays of some nodes (N,) and wrinkles (M,), of which none ends at another node. What
+    refers to others refers to nothing, -1."""
+    kept = {"node": nodes, "edge": edges}
+    found = {name: array[kept[name[:4]]] for name, array in arrays.items()}
+    for name, of in _REFERS.items():
+        if (rows := found.get(name)) is not None:
+            number = np.where(kept[of], np.cumsum(kept[of]) - 1, -1)
+            found[name] = np.where(rows >= 0, number[np.maximum(rows, 0)], -1).astype(np.int32)
+    return found
 
 
 def changed(lines: TracedLines, weight: Floats, half_width: Floats) -> TracedLines:

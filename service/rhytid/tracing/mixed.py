@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy
@@ -21,32 +20,35 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Folds
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.painted_maps import Controls, bilinear, texels_of
+from rhytid.domain.painted_maps import Controls, texels_of
 from rhytid.domain.residual import ScanRelief
-from rhytid.domain.tiles import mesh_udims, texel_centres, udim_origin, udims_at
+from rhytid.domain.tiles import mesh_udims, texel_centres, udim_origin
 from rhytid.domain.uv_layout import mean_uv_length
 from rhytid.pipeline.grain import relief
 from rhytid.support import cancellation
-from rhytid.tracing.detail import bare_in, grain_at_rest
+from rhytid.tracing.detail import at_places, bare_in, grain_at_rest
+from rhytid.tracing.elements import Arrays, selected, together
 from rhytid.tracing.fit import drawn_neutral
 from rhytid.tracing.trace import Trace, shown, traced_settings
 
 Shares = NDArray[np.float32]
-Arrays = dict[str, NDArray[Any]]
 # Cells a side on which the share of a scan is found, and cells around charts.
 _CELLS, _AROUND = 1024, 2
-# What elements have where the arrays of a graph lack it; the rest is made of others.
-_USUAL = {
-    "node_grain": 1.0,
-    "node_undulation": 1.0,
-    "node_patchiness": 0.0,
-    "node_kind": 0,
-    "node_copy_of": ORIGINAL,
-    "edge_copy_of": ORIGINAL,
-    "edge_partners": -1,
-    "edge_share": 1.0,
-    "edge_slopes": 0.0,
-    "edge_metric": 0.0,
+# What elements have where the arrays of a graph lack it, integers where that is one, and the shape
+# of each; the rest is made of others.
+_USUAL: dict[str, tuple[float, tuple[int, ...]]] = {
+    "node_grain": (1.0, ()),
+    "node_undulation": (1.0, ()),
+    "node_patchiness": (0.0, ()),
+    "node_kind": (0, ()),
+    "node_copy_of": (ORIGINAL, ()),
+    "node_triangle": (-1, ()),
+    "edge_copy_of": (ORIGINAL, ()),
+    "edge_partners": (-1, (2,)),
+    "edge_share": (1.0, ()),
+    "edge_slopes": (0.0, (2,)),
+    "edge_metric": (0.0, (3,)),
+    "edge_triangle": (-1, ()),
 }
 
 
@@ -84,17 +86,9 @@ class ScanShares:
 
     def nodes(self, graph: WrinkleGraph) -> Shares:
         """(N,) at the nodes of a graph; at copies that of what they are copies of."""
-        found = self.at(graph.node_uv)
+        found = at_places(self.cells, graph.node_uv)
         of_originals: Shares = found[graph.original_nodes(np.arange(graph.pores))]
         return of_originals
-
-    def at(self, uv: NDArray[np.floating]) -> Shares:
-        """(N,) at places (N, 2); 0 in other UDIMs."""
-        found, of = np.zeros(len(uv), np.float32), udims_at(uv.astype(np.float64))
-        for udim, cells in self.cells.items():
-            here = of == udim
-            found[here] = bilinear(cells, uv[here] - np.array(udim_origin(udim), np.float32))
-        return found
 
 
 def denied_of(scan: ScanRelief, udim: int, side: int) -> NDArray[np.bool_]:
@@ -125,14 +119,15 @@ def mixed(
     """
     graph, depth = grown
     assert settings.depth is not None
-    both = _together(
+    each = (
         _of_scan(found.graph, shares),
         _of_grown(mesh, graph, shares, scan.border, depth / settings.depth),
     )
+    both = together([_with_all(arrays, set().union(*each)) for arrays in each])
     assert found.graph.origin is not None  # of what is traced
     patch = None if graph.origin is None else graph.origin.patch_size
     whole = WrinkleGraph(**both, origin=replace(found.graph.origin, patch_size=patch))
-    whole = bare_in(mesh, whole, shares.at(mesh.triangle_uv().mean(axis=1)) == 1.0)
+    whole = bare_in(mesh, whole, at_places(shares.cells, mesh.triangle_uv().mean(axis=1)) == 1.0)
     drawn, residual, charts = traced_settings(settings, filled=True), {}, {}
     for udim, map in scan.maps.items():
         rest = drawn_neutral(device, whole, drawn, udim)
@@ -232,13 +227,7 @@ def _without_strength(arrays: Arrays) -> Arrays:
     nodes = arrays["node_weight"] > 0.0
     nodes[arrays["edge_nodes"][edges]] = True
     nodes = _with_originals(nodes, arrays.get("node_copy_of"))
-    found = {n: a[edges if n.startswith("edge") else nodes] for n, a in arrays.items()}
-    for name, kept in (("edge_nodes", nodes), ("node_copy_of", nodes), ("edge_copy_of", edges)):
-        if name in found:
-            found[name] = _renumbered(found[name], kept)
-    if "edge_partners" in found:
-        found["edge_partners"] = _renumbered(found["edge_partners"], edges)
-    return found
+    return selected(arrays, nodes, edges)
 
 
 def _with_originals(
@@ -252,30 +241,6 @@ def _with_originals(
     return kept
 
 
-def _renumbered(rows: NDArray[np.int32], kept: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Rows by their numbers among those that are kept; -1 for others, and where they are -1."""
-    number = np.where(kept, np.cumsum(kept) - 1, -1)
-    return np.where(rows >= 0, number[np.maximum(rows, 0)], -1).astype(np.int32)
-
-
-def _together(one: Arrays, other: Arrays) -> Arrays:
-    """The arrays of two graphs as one, with what either lacks."""
-    names = set(one) | set(other)
-    first, second = (_with_all(arrays, names) for arrays in (one, other))
-    counts = {"node": len(one["node_uv"]), "edge": len(one["edge_nodes"])}
-    refers = {
-        "edge_nodes": "node",
-        "node_copy_of": "node",
-        "edge_copy_of": "edge",
-        "edge_partners": "edge",
-    }
-    for name, of in refers.items():
-        if name in names:
-            rows = second[name]
-            second[name] = np.where(rows >= 0, rows + np.int32(counts[of]), rows)
-    return {name: np.concatenate([first[name], second[name]]) for name in names}
-
-
 def _with_all(arrays: Arrays, names: set[str]) -> Arrays:
     """The arrays with those of `names` that they lack, which change nothing."""
     found = dict(arrays)
@@ -287,13 +252,9 @@ def _with_all(arrays: Arrays, names: set[str]) -> Arrays:
         elif name in ("edge_end_weights", "edge_end_half_widths"):
             plain = arrays["edge_weight" if name.endswith("weights") else "edge_half_width"]
             found[name] = np.stack([plain, plain], axis=1)
-        elif name in ("node_triangle", "edge_triangle"):
-            found[name] = np.full(count, -1, np.int32)
         else:
-            usual, wide = (
-                _USUAL[name],
-                {"edge_metric": (3,), "edge_slopes": (2,), "edge_partners": (2,)},
+            usual, more = _USUAL[name]
+            found[name] = np.full(
+                (count, *more), usual, np.int32 if isinstance(usual, int) else np.float32
             )
-            kind = np.int32 if isinstance(usual, int) else np.float32
-            found[name] = np.full((count, *wide.get(name, ())), usual, kind)
     return found

@@ -39,6 +39,8 @@ from rhytid.tracing.elements import (
     lines_of,
     outside_pits,
     pores_of,
+    selected,
+    together,
 )
 from rhytid.tracing.fit import STEPS, drawn_neutral, fitted
 from rhytid.tracing.measure import NARROW, above_mean
@@ -253,7 +255,9 @@ def _graph(
 ) -> WrinkleGraph:
     """The graph of all UDIMs, on the triangles of the mesh, with copies at seams."""
     spacing = how.spacing or usual_spacing(settings.length_unit)
-    joint = _together(parts, settings.resolution)
+    joint = together(
+        [graph_arrays(lines, pores, udim, settings.resolution) for udim, lines, pores in parts]
+    )
     located = _located(device, mesh, joint, settings)
     arrays = _on_triangles(joint, located, len(mesh.faces))
     cancellation.check()
@@ -264,22 +268,6 @@ def _graph(
     lengths = settings.lengths(spacing)
     origin = GraphOrigin.of(mesh, settings.length_unit, lengths, settings.graph.start)
     return WrinkleGraph(**arrays, origin=origin)
-
-
-def _together(
-    parts: list[tuple[int, TracedLines, TracedPores]], resolution: int
-) -> dict[str, NDArray[Any]]:
-    """The arrays of several UDIMs as one."""
-    found, nodes, edges = [], 0, 0
-    for udim, of_lines, of_pores in parts:
-        arrays = graph_arrays(of_lines, of_pores, udim, resolution)
-        partners = arrays["edge_partners"]
-        arrays["edge_partners"] = np.where(partners >= 0, partners + np.int32(edges), partners)
-        arrays["edge_nodes"] = arrays["edge_nodes"] + np.int32(nodes)
-        found.append(arrays)
-        nodes += len(arrays["node_uv"])
-        edges += len(arrays["edge_nodes"])
-    return {name: np.concatenate([a[name] for a in found]) for name in found[0]}
 
 
 def _located(
@@ -305,16 +293,7 @@ def _on_triangles(
     of_nodes, of_edges = located
     there = of_nodes < triangles
     edge = (of_edges < triangles) & there[arrays["edge_nodes"]].all(axis=1)
-    node_rows, edge_rows = np.flatnonzero(there), np.flatnonzero(edge)
-    new_node, new_edge = (np.cumsum(kept) - 1 for kept in (there, edge))
-    found = {
-        name: array[edge_rows if name.startswith("edge") else node_rows]
-        for name, array in arrays.items()
-    }
-    found["edge_nodes"] = new_node[found["edge_nodes"]].astype(np.int32)
-    partners = found["edge_partners"]
-    known = (partners >= 0) & edge[np.maximum(partners, 0)]
-    found["edge_partners"] = np.where(known, new_edge[partners], -1).astype(np.int32)
-    found["node_triangle"] = of_nodes[node_rows]
-    found["edge_triangle"] = of_edges[edge_rows]
+    found = selected(arrays, there, edge)
+    found["node_triangle"] = of_nodes[there]
+    found["edge_triangle"] = of_edges[edge]
     return found
