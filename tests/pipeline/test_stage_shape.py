@@ -34,10 +34,14 @@ def test_shapes_stay_within_the_local_memory_and_the_groups_of_a_device():
 
 
 class Clock:
-    """In place of measuring: seconds of two shapes, and how often they were asked for."""
+    """In place of measuring: seconds of two shapes in each of eight turns, and how often they were
+    asked for.  usual, other: seconds of all turns, or of each."""
 
     def __init__(self, usual, other):
-        self.seconds, self.asked = {USUAL: usual, OTHER: other}, 0
+        turns = [
+            [seconds] * 8 if isinstance(seconds, float) else seconds for seconds in (usual, other)
+        ]
+        self.seconds, self.asked = dict(zip((USUAL, OTHER), turns, strict=True)), 0
 
     def __call__(self, device):
         self.asked += 1
@@ -53,6 +57,33 @@ def test_a_faster_shape_is_taken_and_remembered(gpu, tmp_path):
 
 def test_what_saves_little_is_not_taken(gpu, tmp_path):
     assert remembered_shape(gpu, tmp_path, Clock(1.0, 0.96)) == USUAL
+
+
+def test_the_usual_shape_is_remembered_where_the_other_saves_by_chance_alone(gpu, tmp_path):
+    clock = Clock(1.0, [1.5, 0.5, 1.5, 1.5, 1.5, 0.1, 1.5, 1.5])
+    for _ in range(2):
+        assert remembered_shape(gpu, tmp_path, clock) == USUAL
+    assert clock.asked == 1
+
+
+@pytest.mark.parametrize(
+    "other",
+    [[0.5, 0.5, 0.5, 0.5, 0.97, 0.5, 0.5, 0.5], [0.1, 0.1, 1.5, 1.5, 1.5, 0.1, 1.5, 1.5]],
+    ids=["saves but once", "saves now and then"],
+)
+def test_what_other_work_of_the_machine_has_blurred_is_not_remembered(gpu, tmp_path, other):
+    assert remembered_shape(gpu, tmp_path, Clock(1.0, other)) == USUAL
+    assert remembered_shape(gpu, tmp_path, Clock(1.0, 0.5)) == OTHER
+    blurred = Clock(1.0, other)
+    assert remembered_shape(gpu, tmp_path, blurred) == OTHER
+    assert blurred.asked == 0
+
+
+def test_of_several_that_save_in_every_turn_the_fastest_is_taken(gpu, tmp_path):
+    third = LaunchShape(16, 16, 64)
+    clock = Clock(1.0, [0.6, 0.2, *[0.6] * 6])
+    clock.seconds[third] = [0.5] * 8
+    assert remembered_shape(gpu, tmp_path, clock) == third
 
 
 def test_every_device_and_driver_has_its_own(gpu, tmp_path):
@@ -110,6 +141,7 @@ def test_measuring_times_every_shape_and_leaves_the_device_as_it_was(device):
     own = Device(device.info, 1 << 28)
     seconds = shape_seconds(own)
     assert list(seconds) == own.shapes
-    assert all(0 < s < 60 for s in seconds.values())
+    assert len({len(turns) for turns in seconds.values()}) == 1
+    assert all(0 < s < 60 for turns in seconds.values() for s in turns)
     assert own.shape == next(iter(seconds))
     assert own.budget.used == 0

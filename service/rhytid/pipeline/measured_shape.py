@@ -1,12 +1,18 @@
-"""Which launch shape draws fastest on a device: measured once, then remembered in a file."""
+"""Which launch shape draws fastest on a device: measured once, then remembered in a file.
+
+Other work of the machine may make any shape the fastest of one run, so shapes run by turns, and one
+that is not the usual is taken where it saves time in every turn. What is not clear is not
+remembered: the device draws in its usual shape until the next start, which measures again.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -22,37 +28,40 @@ from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.reach import list_by_block
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing
 
-_FILE, _PACE_FILE = "launch_shapes.json", "draw_paces.json"
+_FILE, _PACE_FILE = "shapes_by_turns.json", "draw_paces.json"
+# Seconds of each turn by shape, the usual shape first.
+Turns = dict[LaunchShape, list[float]]
 # A patch of skin as dense as a face at 4096² with 1.25 million wrinkles.
 _SIDE, _WRINKLES, _PORES = 512, 20_000, 9_000
 _LENGTH, _HALF_WIDTH, _PORE_RADIUS = 6.5, 1.3, 1.5  # texels
 _ROUNDS = 5
-# What another shape must save to be taken in place of the usual one.
-_WORTH = 0.05
+# Turns of the shapes, and what another must save in each to be taken in place of the usual one. The
+# usual one is remembered where no other saves that in more than so many.
+_TURNS, _WORTH, _CHANCE = 8, 0.05, 2
 
 
 def remembered_shape(
     device: Device,
     folder: Path,
-    measure: Callable[[Device], dict[LaunchShape, float]] | None = None,
+    measure: Callable[[Device], Turns] | None = None,
 ) -> LaunchShape:
     """The fastest shape of this device, driver and version of the kernels, from `folder` or
-    measured now and written there. A folder that cannot be written costs a measurement at every
-    start, a device that cannot be measured keeps its usual shape.
+    measured now and, where it is clear, written there. A folder that cannot be written and a
+    machine that is busy cost a measurement at every start; a device that cannot be measured keeps
+    its usual shape.
 
-    measure: seconds of every shape of a device; the usual shape is the first."""
+    measure: in place of `shape_seconds`."""
     file, key = folder / _FILE, _key(device)
     known = recall(file)
     with suppress(KeyError, TypeError):
         shape = LaunchShape(**known[key])
         if shape in device.shapes:
             return shape
-    try:
-        shape = _fastest((measure or shape_seconds)(device))
-    except DeviceError:
-        return device.shape
-    remember(file, key, asdict(shape))
-    return shape
+    with suppress(DeviceError):
+        if fastest := _fastest((measure or shape_seconds)(device)):
+            remember(file, key, asdict(fastest))
+            return fastest
+    return device.shape
 
 
 def remembered_pace(device: Device, folder: Path) -> float:
@@ -79,20 +88,21 @@ def patch_pace(device: Device) -> float:
     return elements.work.total / min(seconds[1:])
 
 
-def shape_seconds(device: Device) -> dict[LaunchShape, float]:
-    """Seconds of a patch of skin by every shape, each the least of several runs."""
+def shape_seconds(device: Device) -> Turns:
+    """Seconds of a patch of skin by every shape in each of several turns, the usual shape first."""
     usual, shapes = device.shape, device.shapes
+    seconds: Turns = {shape: [] for shape in shapes}
     try:
         with device.task():
             elements, scales, draw = _patch(device)
-            rounds = [
-                [_seconds(device, shape, draw) for shape in shapes] for _ in range(1 + _ROUNDS)
-            ]
+            for turn in range(1 + _TURNS):
+                for shape in shapes if turn % 2 else shapes[::-1]:
+                    seconds[shape].append(_seconds(device, shape, draw))
             elements.release()
             scales.release()
     finally:
         device.shape = usual
-    return dict(zip(shapes, np.min(rounds[1:], axis=0).tolist(), strict=True))  # the first compiles
+    return {shape: runs[1:] for shape, runs in seconds.items()}  # the first compiles
 
 
 def _seconds(device: Device, shape: LaunchShape, draw: Draw) -> float:
@@ -103,9 +113,18 @@ def _seconds(device: Device, shape: LaunchShape, draw: Draw) -> float:
     return time.perf_counter() - start
 
 
-def _fastest(seconds: dict[LaunchShape, float]) -> LaunchShape:
-    usual, best = next(iter(seconds)), min(seconds, key=seconds.__getitem__)
-    return best if seconds[best] < (1.0 - _WORTH) * seconds[usual] else usual
+def _fastest(seconds: Turns) -> LaunchShape | None:
+    """The shape that is fastest beyond doubt; None where there is doubt."""
+    usual, *others = seconds
+    saving = {other: _turns_saving(seconds[other], seconds[usual]) for other in others}
+    if max(saving.values(), default=0) <= _CHANCE:
+        return usual
+    sure = [other for other in others if saving[other] == len(seconds[usual])]
+    return min(sure, key=lambda shape: median(seconds[shape]), default=None)
+
+
+def _turns_saving(seconds: Sequence[float], usual: Sequence[float]) -> int:
+    return sum(a < (1.0 - _WORTH) * b for a, b in zip(seconds, usual, strict=True))
 
 
 def _key(device: Device) -> str:
