@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import logging
+import os
 from collections import Counter
 from collections.abc import Generator, Iterator
 from dataclasses import replace
@@ -111,6 +112,22 @@ def programs_are_shared() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(driver, "open_context", cache(driver.open_context))
         patch.setattr(driver, "compile_program", lambda c, text, o: compiled(c, text, tuple(o)))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def disks_are_not_awaited() -> Iterator[None]:
+    """`fsync` looks whether its file is open and no more. A test that loses power has a disk of its
+    own, and processes that tests start wait for the real one.
+
+    Tests write thousands of small files, and a disk takes up to 10 ms for each.
+    """
+
+    def looked_at(file: int) -> None:
+        os.fstat(file)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", looked_at)
         yield
 
 
