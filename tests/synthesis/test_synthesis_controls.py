@@ -234,7 +234,7 @@ def test_no_more_memory_is_taken_than_was_asked_for(
 
 
 def test_the_density_of_a_region_counts_before_work_too() -> None:
-    few = GraphSettings(wrinkles=120, region="neck")
+    few = GraphSettings(wrinkles=120, region="mouth")
     with pytest.raises(InputError, match=r"60 in all: .* graph.wrinkles of 200 or more"):
         check_amount(MESH, few, None, MEMORY)
 

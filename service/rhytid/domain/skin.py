@@ -88,13 +88,13 @@ REGIONS: dict[str, Region] = {
     # Long level lines, coarse and deep, that hardly branch; pores of medium size.
     "forehead": Region(
         density=1.0,
-        strength=1.1,
+        strength=1.25,
         pore_strength=0.65,
         anisotropy=1.85,
         bend=0.3,
         scale=1.2,
         pore_radius=0.9,
-        undulation=1.5,
+        undulation=1.25,
         patchiness=2.2,
         leading=1.3,
         crossed=1.3,
@@ -155,14 +155,14 @@ REGIONS: dict[str, Region] = {
         pore_radius=0.5,
         grain=0.8,
         patchiness=1.2,
-        undulation=0.3,
+        undulation=0.65,
         leading=0.9,
         old=Old(strength=1.6, scale=1.2, contrast=1.5, grain=1.8),
     ),
     # A wide net of rhombi, longer than high, that age deepens as a whole; small pores.
     "neck": Region(
-        density=0.5,
-        strength=1.7,
+        density=0.57,
+        strength=2.2,
         anisotropy=0.5,
         bend=0.5,
         scale=1.15,
@@ -173,7 +173,7 @@ REGIONS: dict[str, Region] = {
         patchiness=3.3,
         leading=0.12,
         rings=1.0,
-        pore_strength=0.5,
+        pore_strength=0.7,
         old=Old(strength=2.1, pore_strength=1.4, anisotropy=1.1, contrast=1.0, grain=1.2),
     ),
     # Around the lips, and the chin: short slants, soft and broad, between pores of medium size. The

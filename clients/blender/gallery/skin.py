@@ -1,0 +1,122 @@
+"""Makes skin.jpg and paper_and_best.jpg of docs/images: close views of a face with the default
+settings, beside a scanned cheek and beside the preset `paper`.
+
+    python clients/blender/gallery/skin.py FACE SCAN --out skin --rhytid .venv/bin/rhytid
+
+By a Python that has bpy, numpy and pillow. FACE is the folder of `make.py`, SCAN that of
+`scan_moves.py`. Run again, it goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+from face import Face
+from make import begin, run
+from scan_moves import SCAN, moved_head
+from shots import Shot, View
+
+SIZE, TURN, LIGHT = (600, 400), 19, (1.0, 0.35, 0.1)
+EXPRESSIONS = ("smile", "brow_furrow")
+
+
+def _view(at: tuple[float, float, float], width: float) -> View:
+    """From the face's left, under grazing light from there."""
+    return View(at, width, TURN, LIGHT, SIZE)
+
+
+# The frame of each view: at rest, or an expression.
+VIEWS = {
+    "eye": (_view((5.3, 2.6, 7.2), 6.0), "smile"),
+    "frown": (_view((0.5, 6.4, 10.7), 6.5), "brow_furrow"),
+    "cheek": (_view((4.6, -1.0, 8.6), 6.5), "rest"),
+    "mouth": (_view((1.8, -3.2, 10.6), 7.0), "smile"),
+    "nose": (_view((1.0, 0.3, 12.2), 5.0), "rest"),
+}
+SCANNED = _view((4.6, 5.0, 10.0), 6.5)
+# Settings of the asset.
+LOOKS = {"paper": {"preset": "paper", "graph": {"lines": "level"}}, "best": {}}
+COMPARED = ("eye", "mouth", "frown", "cheek")
+
+
+def main() -> None:
+    """Bake, open, render, put together."""
+    options = parsed()
+    begin(options.out)
+    face = Face.read(options.face)
+    moves = np.stack([np.zeros(len(face.names)), *map(face.expression, EXPRESSIONS)])
+    face.write(options.out / "face.npz", moves)
+    maps = {look: baked(look, options) for look in LOOKS}
+    render(face, moves, maps, options)
+
+
+def parsed() -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("face", type=Path, help="folder of the ICT face")
+    parser.add_argument("folder", type=Path, help="folder of the scanned head")
+    parser.add_argument("--out", type=Path, default=Path("skin"), help="folder of all files")
+    parser.add_argument("--rhytid", default="rhytid", help="the command rhytid")
+    parser.add_argument("--resolution", type=int, default=4096, help="texels per side of a map")
+    parser.add_argument("--samples", type=int, default=32, help="of a pixel")
+    return parser.parse_args()
+
+
+def baked(look: str, options: argparse.Namespace) -> Path:
+    """The folder of the maps of all frames of the face in a look."""
+    maps, settings = options.out / look, options.out / f"{look}.json"
+    settings.write_text(json.dumps(LOOKS[look]), encoding="utf-8")
+    given = ["bake", options.out / "face.npz", "--settings", settings]
+    given += ["--store", options.out / "store"]
+    run(options.rhytid, *given, "--resolution", options.resolution, "--half", "--out", maps)
+    return maps.resolve()
+
+
+def scanned(options: argparse.Namespace) -> tuple[Face, Path]:
+    """The scanned head, and the folder of its displacement at rest."""
+    head, maps = moved_head(options), options.out / "scan"
+    scan = ["--scan", options.folder / "displacement_4096.jpg", *SCAN, "--method", "neutral"]
+    given = ["bake", options.out / "head.npz", *scan, "--store", options.out / "store"]
+    given += ["--frame-range", "1"]
+    run(options.rhytid, *given, "--resolution", options.resolution, "--out", maps)
+    return head, maps.resolve()
+
+
+def render(
+    face: Face, moves: np.ndarray, maps: dict[str, Path], options: argparse.Namespace
+) -> None:
+    """Both pictures.  maps: folders by look."""
+    import bpy
+    import rendering
+    import sheets
+
+    import gallery
+
+    obj = gallery.opened(face, moves, maps["best"], options.out)
+    rendering.settle(percent=100)
+
+    def view(name: str, look: str) -> Path:
+        at, expression = VIEWS[name]
+        number = 1 + ("rest", *EXPRESSIONS).index(expression)
+        shot = Shot(f"{name}_{look}", at, range(number, number + 1), options.samples)
+        return rendering.rendered(obj, options.out / "renders", shot, "with")[0]
+
+    best = {name: view(name, "best") for name in VIEWS}
+    bpy.ops.rhytid.open(directory=str(maps["paper"]))
+    rows = [sheets.row([view(name, "paper"), best[name]], ["", ""]) for name in COMPARED]
+    sheets.stack(rows).save(options.out / "paper_and_best.jpg", quality=gallery.STILL_QUALITY)
+
+    head, scan = scanned(options)
+    obj = gallery.opened(head, np.zeros((1, len(head.names))), scan, options.out, eyes=False)
+    rendering.settle(percent=100)
+    shot = Shot("scan", SCANNED, range(1, 2), options.samples)
+    pictures = [*best.values(), *rendering.rendered(obj, options.out / "renders", shot, "with")]
+    rows = [sheets.row(pictures[i : i + 2], ["", ""]) for i in range(0, len(pictures), 2)]
+    sheets.stack(rows).save(options.out / "skin.jpg", quality=gallery.STILL_QUALITY)
+
+
+if __name__ == "__main__":
+    main()
