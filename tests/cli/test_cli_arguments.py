@@ -5,13 +5,15 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 import rhytid
 from rhytid.cli import main
-from rhytid.cli.program import COMMANDS, build_parser
+from rhytid.cli.program import COMMANDS, GROUP, build_parser
 from rhytid.support import build_identity
 
 NAMES = ["bake", "bench", "demo", "devices", "graph", "reproduce", "serve", "synthesize"]
@@ -35,6 +37,50 @@ def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert ends(["--help"]) == 0
     told = capsys.readouterr().out
     assert all(f"    {name}" in told for name in NAMES)
+
+
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_what_is_told_of_all_commands_imports_nothing_that_computes(option: str) -> None:
+    code = (
+        "import sys; from rhytid.cli import main\ntry: main(sys.argv[1:])\n"
+        "finally: print({'numpy', 'tqdm', 'rhytid.cli.check', 'pyopencl'} & set(sys.modules))"
+    )
+    told = subprocess.run([sys.executable, "-c", code, option], capture_output=True, text=True)
+    assert "rhytid" in told.stdout
+    assert told.stdout.splitlines()[-1] == "set()"
+
+
+def test_the_summaries_in_the_help_of_all_are_those_of_the_commands(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert ends(["--help"]) == 0
+    assert capsys.readouterr().out == build_parser().format_help()
+
+
+@pytest.mark.parametrize("summaries", [{}, {"visit": "See a friend."}])
+def test_the_help_of_all_has_commands_of_other_packages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, summaries: dict[str, str]
+) -> None:
+    package, metadata = tmp_path / "friends", tmp_path / "friends-1.dist-info"
+    package.mkdir(), metadata.mkdir()
+    (package / "__init__.py").write_text(f"SUMMARIES = {summaries}")
+    (package / "visit.py").write_text(
+        "from rhytid.cli.parser import new_command\n"
+        "def add_command(commands):\n"
+        "    new_command(commands, 'visit', 'See a friend.', '').set_defaults(run=print)\n"
+    )
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: friends\nVersion: 1\n")
+    (metadata / "entry_points.txt").write_text(f"[{GROUP}]\nvisit = friends.visit\n")
+    code = (
+        "import sys; from rhytid.cli import main\ntry: main(sys.argv[1:])\n"
+        "finally: print('friends.visit' in sys.modules, file=sys.stderr)"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    for words, imported in ((["--help"], not summaries), (["visit", "--help"], True)):
+        command = [sys.executable, "-c", code, *words]
+        told = subprocess.run(command, capture_output=True, text=True)
+        assert "See a friend." in told.stdout
+        assert told.stderr.strip() == str(imported)
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,7 @@ from cli.running import write_animation
 from meshes import SmallMesh
 from rhytid.cli import main
 from rhytid.errors import InputError
-from rhytid.storage import AssetStore
+from rhytid.storage.store import AssetStore
 
 
 @pytest.fixture

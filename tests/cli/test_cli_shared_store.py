@@ -17,9 +17,9 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.assets.builder import AssetBuilder
 from rhytid.errors import SharedStoreError
-from rhytid.storage import AssetStore
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
+from rhytid.storage.store import AssetStore
 from rhytid.support.console import Stopwatch
 from rhytid.support.settings import ServiceSettings
 from storage.backends import new_folder

@@ -25,9 +25,9 @@ from rhytid.errors import GraphError, LimitError, SettingsError
 from rhytid.exports.textures.frame_map import Padding
 from rhytid.formats.exr import read_exr
 from rhytid.formats.graphs import read_graph, write_graph
-from rhytid.storage import AssetStore
 from rhytid.storage.canonical import canonical
 from rhytid.storage.records import StoredAsset
+from rhytid.storage.store import AssetStore
 from rhytid.synthesis.pore_density import EDGES_PER_PORE, PACKING, SPACING
 from synthesis import sheets
 

@@ -29,8 +29,8 @@ from rhytid.domain.tiles import TileAddress
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import InputError, NotFoundError, SettingsError
 from rhytid.exports.skin_package.maps import SkinMaps
-from rhytid.storage import AssetStore
 from rhytid.storage.records import StoredRequest
+from rhytid.storage.store import AssetStore
 
 MESH = sheet(udims=2)
 BENT = deform(MESH.positions, 3, 0.15)

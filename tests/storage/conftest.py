@@ -11,7 +11,7 @@ import pytest
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.storage import AssetStore
+from rhytid.storage.store import AssetStore
 
 
 @pytest.fixture

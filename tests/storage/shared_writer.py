@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from rhytid.errors import SharedStoreError
-from rhytid.storage import AssetStore
 from rhytid.storage.shared import folder_backend
 from rhytid.storage.shared.shared_store import SharedStore
+from rhytid.storage.store import AssetStore
 
 _copy = folder_backend.copy_file
 

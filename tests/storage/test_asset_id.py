@@ -18,7 +18,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import GraphOrigin, WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Stiffness
-from rhytid.storage import asset_id
+from rhytid.storage.asset_ids import asset_id
 from rhytid.storage.records import read_mesh, write_mesh
 
 ONE = np.ones((2, 3), np.float32)

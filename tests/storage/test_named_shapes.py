@@ -12,8 +12,8 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import NotFoundError, StorageError
-from rhytid.storage import AssetStore
 from rhytid.storage.records import StoredRequest
+from rhytid.storage.store import AssetStore
 
 ID = "00112233aabbccdd"
 

@@ -18,9 +18,9 @@ from rhytid.errors import InputError, StorageError, StoreFormatError
 from rhytid.fleet.fleet_store import FleetStore
 from rhytid.fleet.local_place import LocalPlace
 from rhytid.fleet.options import FleetOptions
-from rhytid.storage import AssetStore
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
+from rhytid.storage.store import AssetStore
 from rhytid.support import ownership
 from rhytid.support.atomic_files import sweep
 from rhytid.support.settings import ServiceSettings

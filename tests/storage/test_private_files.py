@@ -17,10 +17,10 @@ from rhytid.domain.mesh import Mesh
 from rhytid.fleet.fleet_store import FleetStore
 from rhytid.fleet.local_place import LocalPlace
 from rhytid.fleet.options import FleetOptions
-from rhytid.storage import AssetStore
 from rhytid.storage.records import StoredRequest
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
+from rhytid.storage.store import AssetStore
 from rhytid.support.atomic_files import atomic_write
 from rhytid.support.settings import ServiceSettings
 

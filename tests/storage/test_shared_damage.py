@@ -22,12 +22,12 @@ from rhytid.errors import (
     StorageError,
     StoreFormatError,
 )
-from rhytid.storage import AssetStore
 from rhytid.storage.canonical import hashed
 from rhytid.storage.shared.bucket_backend import BucketBackend
 from rhytid.storage.shared.folder_backend import FolderBackend
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
+from rhytid.storage.store import AssetStore
 from storage.backends import new_folder
 from storage.disk import Disk, PowerCutError
 from storage.test_shared_store import EXTRA, ID, fetch, quiet, taken

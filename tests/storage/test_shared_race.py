@@ -17,10 +17,10 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import NotFoundError, SharedDamageError, SharedStoreError
-from rhytid.storage import AssetStore
 from rhytid.storage.shared.folder_backend import FolderBackend
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
+from rhytid.storage.store import AssetStore
 
 ID = "00112233aabbccdd"
 MANIFEST = f"manifests/{ID}.json"

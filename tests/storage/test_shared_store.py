@@ -17,12 +17,12 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import CancelledError, NotFoundError
-from rhytid.storage import AssetStore
 from rhytid.storage.records import StoredRequest
 from rhytid.storage.shared import shared_store
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
 from rhytid.storage.snapshots import Snapshot
+from rhytid.storage.store import AssetStore
 from storage import shared_writer
 from storage.backends import new_folder
 

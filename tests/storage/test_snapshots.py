@@ -23,9 +23,9 @@ from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.residual import Residual
 from rhytid.errors import DiskFullError, SnapshotError, StorageError
 from rhytid.formats.graphs import write_graph
-from rhytid.storage import AssetStore
 from rhytid.storage.canonical import canonical, hashed
 from rhytid.storage.records import StoredRequest, shape_files, write_overlay
+from rhytid.storage.store import AssetStore
 from storage.disk import Disk
 
 ID = "00112233aabbccdd"

@@ -17,8 +17,8 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import StorageError
-from rhytid.storage import AssetStore
 from rhytid.storage.records import StoredRequest
+from rhytid.storage.store import AssetStore
 from storage.disk import Disk, PowerCutError
 
 ID = "00112233aabbccdd"

@@ -17,9 +17,9 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Stiffness
 from rhytid.errors import StorageError
-from rhytid.storage import AssetStore, StoredAsset
 from rhytid.storage.canonical import canonical
-from rhytid.storage.records import StoredRequest
+from rhytid.storage.records import StoredAsset, StoredRequest
+from rhytid.storage.store import AssetStore
 
 ID = "00112233aabbccdd"
 FILES = (

@@ -14,9 +14,9 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Stiffness
 from rhytid.errors import NotFoundError, StorageError
-from rhytid.storage import AssetStore
 from rhytid.storage.canonical import hashed
 from rhytid.storage.records import StoredRequest, read_overlay, write_overlay
+from rhytid.storage.store import AssetStore
 from rhytid.support import atomic_files
 
 ID, OTHER = "00112233aabbccdd", "ffffffffffffffff"

@@ -30,8 +30,6 @@ from rhytid.formats.frames import read_expressions, read_frame_file
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import MeshFile
 from rhytid.formats.painted import read_controls, read_painted, read_stiffness
-from rhytid.formats.scans import read_scan
-from rhytid.meshes.scans import scan_of
 from rhytid.support.console import working
 
 # Stands for a UDIM in the name of a file.
@@ -116,6 +114,10 @@ def scan_files(files: Sequence[Path], mesh: Mesh, settings: ScanSettings, unit: 
 
     files: `<UDIM>` in a name stands for every UDIM.  unit: of the mesh.
     """
+    # Imported here: their libraries take longer than to check a mesh.
+    from rhytid.formats.scans import read_scan
+    from rhytid.meshes.scans import scan_of
+
     udims = mesh_udims(mesh)
     images = [(str(file), file.read_bytes()) for file in _every_udim(files, udims)]
     with working("reading the scan"):

@@ -3,12 +3,9 @@ them."""
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, replace
-
-from tqdm import tqdm  # type: ignore[import-untyped]
 
 from rhytid.baking.frames import FrameFiles
 from rhytid.domain.asset_settings import AssetSettings
@@ -25,7 +22,7 @@ from rhytid.domain.warnings import (
 )
 from rhytid.domain.wording import plural
 from rhytid.errors import StrictError
-from rhytid.support.console import counted, note
+from rhytid.support.console import counted, note, print_above
 
 # Lines printed per code: for a long shot in the wrong unit three frames are enough.
 _LINES = 3
@@ -147,8 +144,7 @@ class RunWarnings:
             raise StrictError(message, wrong)
 
     def _print(self, line: str) -> None:
-        # Beside a bar that is being drawn, too.
-        tqdm.write(f"rhytid {self._command}: {line}", file=sys.stderr)
+        print_above(f"rhytid {self._command}: {line}")
 
 
 def _count(warnings: Sequence[InputWarning]) -> str:

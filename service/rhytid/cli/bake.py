@@ -34,6 +34,7 @@ from rhytid.cli.options import (
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.scan_options import add_scan, options_named, refuse_scan_conflicts
 from rhytid.cli.skin_options import add_settings, add_skin, refuse_without_effect, skin_request
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.messages import METHODS, MapQuery
 from rhytid.exports.textures import COMPRESSIONS, USUAL, Shine
@@ -45,7 +46,7 @@ _BUILDING = (
     "graph", "spacing", "wrinkles", "seed", "lines", "region", "set", "map", "region_mask", "unit",
     "settings", "stiffness", "shapes", "force", "residual", "scan",
 )  # fmt: skip
-SUMMARY = "Write the displacement of an animation as textures; continues where it was interrupted."
+SUMMARY = SUMMARIES["bake"]
 DETAILS = """
 Files are called NAME.<UDIM>.<FRAME>.exr, those of other profiles than float and half otherwise:
 docs/textures.md has all names. FRAME is the number that a geometry cache gives; else, where each

@@ -26,6 +26,7 @@ from rhytid.cli.scan_options import (
     refuse_without_scan,
     scan_file,
 )
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.support.console import check_suffix, counted, make_place, report, table, working
 
@@ -42,10 +43,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "check",
-        "Check a mesh and its frames: parts, borders, triangles, UV, texel size, length. "
-        "Nothing is computed on a device. The status is 0 whatever is found, 1 where the mesh "
-        "cannot be used, or has warnings and --strict is given. With --scan the displacement is "
-        "read, too, and measured on the mesh: bits, depth, midlevel, seams.",
+        SUMMARIES["check"],
         "rhytid check face.obj --frames shot/*.obj --picture face.check.png",
     )
     add = parser.add_argument

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.summaries import SUMMARIES
 
 SHELLS = ("bash", "zsh", "fish")
 
@@ -16,7 +17,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "completion",
-        "Print a script by which a shell completes commands, options and file names.",
+        SUMMARIES["completion"],
         "rhytid completion bash > ~/.local/share/bash-completion/completions/rhytid",
     )
     parser.add_argument("shell", choices=SHELLS, help="the shell that reads the script")

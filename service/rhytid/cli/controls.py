@@ -17,10 +17,11 @@ from rhytid.cli.options import (
     prim_clip,
 )
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.errors import InputError
 from rhytid.support.console import check_suffix, counted, make_place, note
 
-SUMMARY = "Draw one patch of skin with every mask and setting of the look at three values each."
+SUMMARY = SUMMARIES["controls"]
 DETAILS = """
 Skin is grown anew for each value on a piece of the mesh around the patch, without expressions, so
 that lines are level. Stiffness and response are shown on skin that is pressed together. Values in

@@ -15,11 +15,12 @@ from rhytid.cli.options import (
     readable,
 )
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.frame import counted_frame
 from rhytid.domain.wording import plural
 from rhytid.support.console import check_suffix, counted, make_place, report
 
-SUMMARY = "Write a mesh and its animation as one npz, to send it to a server: USD, too."
+SUMMARY = SUMMARIES["convert"]
 DETAILS = """
 A server reads OBJ, PLY, glTF, GLB and npz. It reads no USD, whose layers may name other files,
 and no animation but that of an npz. The vertices keep their order; shapes are kept by their

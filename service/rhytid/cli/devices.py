@@ -6,6 +6,7 @@ import argparse
 
 from rhytid.cli.options import add_json
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.support.console import report, table, working
 from rhytid.support.settings import ServiceSettings
 
@@ -17,7 +18,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "devices",
-        "List the OpenCL devices; 'used' marks the one that rhytid computes on.",
+        SUMMARIES["devices"],
         "rhytid devices --json",
     )
     add_json(parser)

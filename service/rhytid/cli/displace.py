@@ -21,11 +21,12 @@ from rhytid.cli.scan_options import (
     checked_scan,
     scan_file,
 )
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.errors import InputError
 from rhytid.support.console import make_place, report, working
 
 _FORMATS = ("glb", "ply")
-SUMMARY = "Move a mesh by a scanned, sculpted or baked displacement map, its triangles subdivided."
+SUMMARY = SUMMARIES["displace"]
 DETAILS = """
 Each triangle is cut in four, once or more, and each vertex is moved along the normal by the height
 that its map has there, as `bake --geometry` does it: with the maps that bake wrote it writes the

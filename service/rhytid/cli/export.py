@@ -24,6 +24,7 @@ from rhytid.cli.options import (
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.scan_options import add_scan, options_named, refuse_scan_conflicts
 from rhytid.cli.skin_options import add_settings, add_skin, refuse_without_effect, skin_request
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import NotFoundError
 from rhytid.support.console import counted, make_folder, report, table, working
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
     from rhytid.exports.skin_package.package import PackageWriter
     from rhytid.formats.frame_set import Clip
 
-SUMMARY = "Write a skin package: mesh, textures and the shader of the fast method, for engines."
+SUMMARY = SUMMARIES["export"]
 DETAILS = """
 The package is a folder that a web server can serve as it is: docs/package.md. With --mesh the skin
 is grown as by bake, at 2048 texels per side unless the settings say otherwise; where there are

@@ -23,6 +23,7 @@ from rhytid.cli.options import (
     readable,
 )
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings
 
 if TYPE_CHECKING:
@@ -34,8 +35,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "graph",
-        "Print the figures of a wrinkle graph, made here or elsewhere, and write it as curves or "
-        "as a picture. Folders that do not exist are created.",
+        SUMMARIES["graph"],
         "rhytid graph face.obj face.safetensors --curves face.usda",
     )
     parser.add_argument("mesh", type=readable, metavar="MESH", help=f"{MESH_FILES} of one mesh")

@@ -12,6 +12,7 @@ from pathlib import Path
 from rhytid.api.keys import COMPUTE, READ, SCOPES, ApiKey, changing, new_key, read_keys, utc_now
 from rhytid.cli.options import add_json, add_several, base_name, local_settings
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.errors import InputError
 from rhytid.support.console import report, table
 
@@ -26,7 +27,7 @@ MOST = 10**6
 
 def add_command(commands: Commands) -> None:
     """Add `keys` to the parser."""
-    summary = "Make, list and revoke the API keys of a server, whether it runs or not."
+    summary = SUMMARIES["keys"]
     example = "rhytid keys create farm --scopes read --expires 90"
     parser = new_command(commands, "keys", summary, example)
     add = parser.add_argument

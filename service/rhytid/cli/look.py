@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from rhytid.cli.options import add_fps, add_json, add_unit, base_name, readable
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.wording import plural
 from rhytid.errors import InputError
 from rhytid.support.console import note, report, table
@@ -17,7 +18,7 @@ from rhytid.support.console import note, report, table
 if TYPE_CHECKING:
     from rhytid.exports.look import Look
 
-SUMMARY = "Write a USD layer and a MaterialX document that displace a mesh by baked maps."
+SUMMARY = SUMMARIES["look"]
 DETAILS = """
 DIR is a folder of NAME.<UDIM>.<FRAME>.exr, as bake writes it; NAME.look.usda and NAME.mtlx are
 written beside the maps. The layer goes among the sublayers of a scene; at every frame it has the

@@ -29,6 +29,7 @@ from rhytid.cli.scan_options import (
     scan_file,
 )
 from rhytid.cli.skin_options import add_settings, add_skin, refuse_without_effect, skin_request
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.skin import REGIONS
 from rhytid.support.console import check_suffix, make_place, report, share_bar, working
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
 # Texels per side that skin is drawn with: patches are drawn where they lie alone.
 RESOLUTION = 8192
 SIDE_MM = 8.0
-SUMMARY = "Measure heights, slopes and directions of patches of skin, at rest and under strain."
+SUMMARY = SUMMARIES["measure"]
 DETAILS = """
 Of a square on the surface: Sa, Sq, Ssk, Sku, Sz, Sdq and Sdr as ISO 25178 has them, Ra and Rz of
 profiles along and across, slopes, and how far heights are alike by direction. Skin is grown as bake

@@ -9,10 +9,11 @@ import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 
 from rhytid import __version__
-from rhytid.cli.parser import Parser, is_for_job
+from rhytid.cli.parser import Commands, Parser, is_for_job
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.cli.termination import INTERRUPTED, Interruption
 from rhytid.errors import RhytidError
 from rhytid.storage.lock import known_as
@@ -21,29 +22,9 @@ from rhytid.support.console import Verbosity, make_place, openjd_line, use_verbo
 from rhytid.support.settings import misspelt_variables
 
 # Modules of this package, each with the command of its name, in the order of the help.
-COMMANDS = (
-    "serve",
-    "keys",
-    "snapshot",
-    "restore",
-    "devices",
-    "check",
-    "convert",
-    "synthesize",
-    "graph",
-    "template",
-    "controls",
-    "transfer",
-    "bake",
-    "displace",
-    "trace",
-    "measure",
-    "look",
-    "export",
-    "warnings",
-    "completion",
-)
-# Entry points of other packages: modules with `add_command(commands)`, as those above.
+COMMANDS = tuple(SUMMARIES)
+# Entry points of other packages: modules with `add_command(commands)`, as those above. Where the
+# package that has the module has SUMMARIES, too, `rhytid --help` imports no more of it.
 GROUP = "rhytid.commands"
 # Describes all others.
 _OF_ALL = "completion"
@@ -52,7 +33,7 @@ _OF_ALL = "completion"
 def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
     """Run one command and return its exit status, as `main` has it."""
     with use_verbosity(Verbosity(for_job=is_for_job(sys.argv[1:] if argv is None else argv))):
-        arguments = build_parser(_named(argv)).parse_args(argv)
+        arguments = _parser_for(argv).parse_args(argv)
     interruption.command = arguments.command
     for_job = getattr(arguments, "progress", None) == "openjd"
     level = Verbosity(arguments.quiet, arguments.verbose, for_job)
@@ -80,15 +61,46 @@ def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
     return 0
 
 
-def _named(argv: Sequence[str] | None) -> str | None:
-    """The command that arguments begin with, where no other need be known; else None."""
-    first = next(iter(sys.argv[1:] if argv is None else argv), None)
-    return first if first in COMMANDS and first != _OF_ALL else None
+def _parser_for(argv: Sequence[str] | None) -> Parser:
+    """The parser of all that arguments may need: of the command that they begin with, else of
+    names and summaries. What commands import takes longer than most of them."""
+    words = sys.argv[1:] if argv is None else argv
+    first = next(iter(words), "")
+    if first in (_OF_ALL, "--"):  # after which some versions of argparse take a command
+        return build_parser()
+    return build_parser(first) if first in COMMANDS or first in _others() else _listing()
 
 
 def build_parser(only: str | None = None) -> Parser:
-    """The parser of all commands, or of one of COMMANDS: what others import takes longer than most
-    commands. Each command sets `run`, a function of the arguments, and `program` is this parser."""
+    """The parser of all commands, or of one. Each command sets `run`, a function of the arguments,
+    and `program` is this parser."""
+    parser, commands = _program()
+    for name in COMMANDS:
+        if only in (None, name):
+            import_module(f"rhytid.cli.{name}").add_command(commands)
+    if only not in COMMANDS:
+        for name, entry in _others().items():
+            if only in (None, name):
+                entry.load().add_command(commands)
+    return parser
+
+
+def _listing() -> Parser:
+    """A parser of names and summaries alone: for --help, --version, and what is no command."""
+    parser, commands = _program()
+    for name, summary in SUMMARIES.items():
+        commands.add_parser(name, help=summary)
+    for name, entry in _others().items():
+        package = import_module(entry.module.rpartition(".")[0] or entry.module)
+        if told := getattr(package, "SUMMARIES", {}).get(name):
+            commands.add_parser(name, help=told)
+        else:
+            entry.load().add_command(commands)
+    return parser
+
+
+def _program() -> tuple[Parser, Commands]:
+    """The parser of the program, and where commands are added to it."""
     parser = Parser(
         prog="rhytid",
         description="Dynamic facial wrinkles: an animated face in, displacement maps out.",
@@ -98,15 +110,13 @@ def build_parser(only: str | None = None) -> Parser:
     version = "print the version, the digest of the drawing and the revision"
     parser.add_argument("--version", action=_Version, help=version)
     parser.set_defaults(program=parser)  # which `completion` describes
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in COMMANDS if only is None else (only,):
-        import_module(f"rhytid.cli.{name}").add_command(commands)
-    if only is None:
-        # By name: an installed package beside one on PYTHONPATH lists each twice.
-        others = {entry.name: entry for entry in entry_points(group=GROUP)}
-        for entry in others.values():
-            entry.load().add_command(commands)
-    return parser
+    return parser, parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+
+
+def _others() -> dict[str, EntryPoint]:
+    """The commands of other packages. By name: an installed package beside one on PYTHONPATH lists
+    each twice."""
+    return {entry.name: entry for entry in entry_points(group=GROUP)}
 
 
 class _Version(argparse.Action):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from rhytid.cli.options import add_json, add_progress, add_shared_store, add_store, readable
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.snapshot import RUNNING, SUFFIX, mirrored
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.errors import SnapshotError
 from rhytid.support.console import report, working
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 def add_command(commands: Commands) -> None:
     """Add `restore` to the parser."""
-    summary = "Put assets from snapshots into a store, under their ids; nothing is synthesised."
+    summary = SUMMARIES["restore"]
     example = f"rhytid restore face{SUFFIX} --store assets"
     parser = new_command(commands, "restore", summary, example)
     parser.description = (

@@ -21,6 +21,7 @@ from rhytid.cli.options import (
     service_settings,
 )
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.cli.termination import TERMINATED, Terminated, end_now
 from rhytid.domain.wording import install_hint
 from rhytid.errors import InputError
@@ -45,7 +46,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "serve",
-        "Serve displacement tiles over HTTP until interrupted.",
+        SUMMARIES["serve"],
         f"rhytid serve --port {PORT} --store assets",
     )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on")

@@ -16,6 +16,7 @@ from rhytid.cli.options import (
     service_settings,
 )
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.errors import InputError
 from rhytid.support.console import make_place, report, working
 
@@ -29,7 +30,7 @@ RUNNING = "A store that a server uses is asked over HTTP: docs/pipelines.md."
 
 def add_command(commands: Commands) -> None:
     """Add `snapshot` to the parser."""
-    summary = "Write a built asset into one file, which `rhytid restore` and servers take."
+    summary = SUMMARIES["snapshot"]
     example = f"rhytid snapshot 0123456789abcdef --out face{SUFFIX}"
     parser = new_command(commands, "snapshot", summary, example)
     parser.description = (

@@ -25,6 +25,7 @@ from rhytid.cli.skin_options import (
     skin_controls,
     skin_settings,
 )
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
 from rhytid.domain.expressions import expressions_for_lines
 from rhytid.domain.graph import GraphOrigin
@@ -46,8 +47,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "synthesize",
-        "Grow pores and wrinkles on a neutral mesh, write them as safetensors and print their "
-        "figures. Folders that do not exist are created.",
+        SUMMARIES["synthesize"],
         "rhytid synthesize face.obj --out face.safetensors --preview face.png",
     )
     add_mesh(parser, "MESH")

@@ -18,6 +18,7 @@ from rhytid.cli.options import (
     prim_clip,
 )
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.painted_maps import MOST_TEXELS, NEUTRAL, NEUTRALS, REGION_PREFIX
 from rhytid.domain.tiles import mesh_udims
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 # Every map that can be painted, and the grey that changes nothing.
 MASKS = {**NEUTRALS, "stiffness": NEUTRAL}
 LEAST_SIDE = 16
-SUMMARY = "Write what to paint over, and masks to begin with: grey images that change nothing yet."
+SUMMARY = SUMMARIES["template"]
 DETAILS = """
 For each UDIM: template.<UDIM>.png, a layer with the wires and borders of charts and arrows that
 point up; texel_size.<UDIM>.png, how large texels are on the surface; and a 16-bit grey

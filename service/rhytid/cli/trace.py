@@ -33,6 +33,7 @@ from rhytid.cli.scan_options import (
     scan_file,
 )
 from rhytid.cli.skin_options import add_settings, given_settings
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import millimetres, unit_after_number, usual_spacing
 from rhytid.support.console import make_folder, report, share_bar, table, working
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
     from rhytid.tracing.trace import Trace
 
 GRAPH, SETTINGS, PICTURE = "graph.safetensors", "settings.json", "trace.png"
-SUMMARY = "Find the lines and pores of a scanned or sculpted displacement map, as a wrinkle graph."
+SUMMARY = SUMMARIES["trace"]
 DETAILS = f"""
 Writes into a folder the graph, {GRAPH}; residual.<UDIM>.exr, what the graph does not draw, in mesh
 units; {SETTINGS}, with which `bake` draws the graph; and {PICTURE}, a picture of scan, lines and

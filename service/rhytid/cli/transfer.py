@@ -20,6 +20,7 @@ from rhytid.cli.options import (
     readable,
 )
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import InputError
 from rhytid.support.console import check_suffix, make_place, report, table, working
@@ -37,8 +38,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "transfer",
-        "Carry a wrinkle graph to another topology or UV of the same head, or to a head that lies "
-        "near it, and report what was lost on the way.",
+        SUMMARIES["transfer"],
         "rhytid transfer face.safetensors face.obj film.obj --out film.safetensors",
     )
     add = parser.add_argument

@@ -6,6 +6,7 @@ import argparse
 import textwrap
 
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.notices import NOTICES
 from rhytid.domain.warnings import WARNINGS, Meaning
 
@@ -18,7 +19,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "warnings",
-        "Explain warnings and notices: when they are reported, and what to do.",
+        SUMMARIES["warnings"],
         "rhytid warnings texel-size",
     )
     parser.add_argument(

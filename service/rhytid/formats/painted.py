@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 
 from rhytid.domain.painted_maps import Controls, Map, Stiffness, check_total, check_udim
 from rhytid.errors import InputError
-from rhytid.formats import exr, png
-from rhytid.formats.exr import read_grey_exr
 
 _NUMBER = re.compile(r"(?:^|[._])([0-9]{4})\.[A-Za-z]+$")
 
@@ -95,8 +93,11 @@ def read_grey(data: bytes, name: str) -> NDArray[np.unsignedinteger]:
     `name` is for messages. Raises InputError where the image is damaged or not grey, and LimitError
     above MOST_SIDE texels per side.
     """
+    # Imported here: their libraries take longer than to check a mesh.
+    from rhytid.formats import exr, png
+
     if data.startswith(png.SIGNATURE):
         return png.read_grey_png(data, name)
     if data.startswith(exr.SIGNATURE):
-        return read_grey_exr(data, name)
+        return exr.read_grey_exr(data, name)
     raise InputError(f"{name}: not a PNG or OpenEXR image")

@@ -24,7 +24,7 @@ from rhytid.domain.wording import plural
 from rhytid.errors import MeshError
 from rhytid.formats.meshes import MeshFile
 from rhytid.meshes.layout import Layout
-from rhytid.meshes.topology import Topology
+from rhytid.meshes.topology import Topology, distinct
 from rhytid.synthesis.build_size import BuildSize, RequestedCount
 from rhytid.synthesis.surface import Surface
 
@@ -154,7 +154,7 @@ class MeshCheck:
 
     def size(self) -> dict[str, Any]:
         """The box around the mesh, and the usual size of heads."""
-        used = self.mesh.positions[np.unique(self.mesh.faces)].astype(np.float64)
+        used = self.mesh.positions[distinct(self.mesh.faces)].astype(np.float64)
         sides = np.ptp(used, axis=0).tolist()
         length = millimetres(self.unit)
         return {

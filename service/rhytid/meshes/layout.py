@@ -11,7 +11,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import MeasuredMesh
 from rhytid.domain.tiles import mesh_udims, udim_origin
 from rhytid.domain.uv_layout import Overlap, overlap_of, overlapping, texel_extremes, texel_sides
-from rhytid.meshes.topology import joined
+from rhytid.meshes.topology import distinct, joined
 
 Mask = NDArray[np.bool_]
 
@@ -81,7 +81,7 @@ def _charts(mesh: Mesh) -> int:
     _, corner = np.unique(corners.reshape(-1, 5) + 0.0, axis=0, return_inverse=True)
     corner = corner.reshape(-1, 3)
     ends = np.concatenate([corner[:, :2], corner[:, 1:]])
-    return len(np.unique(joined(ends, int(corner.max()) + 1)))
+    return len(distinct(joined(ends, int(corner.max()) + 1)))
 
 
 def _spread(mask: Mask, used: Mask) -> Mask:

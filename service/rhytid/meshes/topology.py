@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,9 +79,9 @@ class _Edges:
         _, first, welded = np.unique(cells, axis=0, return_index=True, return_inverse=True)
         self.points = positions[first]
         self.faces: IntArray = welded.reshape(-1)[mesh.faces].astype(np.int64)
-        used = np.unique(mesh.faces)
-        self.unused = len(mesh.positions) - len(used)
-        self.split = len(used) - len(np.unique(self.faces))
+        used = len(distinct(mesh.faces))
+        self.unused = len(mesh.positions) - used
+        self.split = used - len(distinct(self.faces))
         corner = self.points[self.faces]
         self.area = np.linalg.norm(np.cross(*np.diff(corner, axis=1).swapaxes(0, 1)), axis=1) / 2
         directed = self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
@@ -132,7 +133,13 @@ class _Edges:
         first[front[::-1]] = np.arange(count)[::-1]
         other = np.where(size[front] == size[back], first[front] > first[back], False)
         flipped = ~both & ((size[front] < size[back]) | other)
-        return flipped, len(np.unique(front[both]))
+        return flipped, len(distinct(front[both]))
+
+
+def distinct(numbers: NDArray[np.signedinteger[Any]]) -> IntArray:
+    """The different ones of numbers from 0 on, in order: np.unique would import numpy.ma, which
+    takes a fifth of the time of a check."""
+    return np.flatnonzero(np.bincount(numbers.ravel()))
 
 
 def joined(ends: IntArray, nodes: int) -> IntArray:

@@ -14,13 +14,11 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 from typing import Any
-
-from tqdm import tqdm  # type: ignore[import-untyped]
 
 from rhytid.errors import InputError
 from rhytid.support.atomic_files import atomic_write, working_folder
@@ -70,7 +68,16 @@ def verbosity() -> Verbosity:
 def note(line: str) -> None:
     """Print a line on stderr, above a progress bar if there is one. Prints nothing where quiet."""
     if not _verbosity.quiet:
-        tqdm.write(line, file=sys.stderr)
+        print_above(line)
+
+
+def print_above(line: str) -> None:
+    """Print a line on stderr, above a progress bar if there is one."""
+    bars = sys.modules.get("tqdm")  # imported by the first bar
+    if bars is None:
+        print(line, file=sys.stderr)
+    else:
+        bars.tqdm.write(line, file=sys.stderr)
 
 
 def detail(line: str) -> None:
@@ -151,12 +158,12 @@ def working(what: str) -> Iterator[None]:
 
 
 @contextmanager
-def _shown(line: Callable[[float], str], **bar: Any) -> Iterator[tqdm]:
+def _shown(line: Callable[[float], str], **bar: Any) -> Iterator[_Bar]:
     """A bar on a terminal; elsewhere a line that `line` makes of the seconds since the start. A
     thread refreshes either, because a step may take long."""
     terminal, silent = sys.stderr.isatty(), verbosity().quiet or verbosity().for_job
     ended, start = threading.Event(), time.monotonic()
-    with tqdm(disable=silent or not terminal, **bar) as shown:
+    with nullcontext(_Bar()) if silent or not terminal else _drawn(bar) as shown:
 
         def tell() -> None:
             while not ended.wait(_LOOK if terminal else _EVERY):
@@ -175,6 +182,27 @@ def _shown(line: Callable[[float], str], **bar: Any) -> Iterator[tqdm]:
             ended.set()
             if teller.is_alive():
                 teller.join()
+
+
+class _Bar:
+    """What is asked of a bar, where none is drawn."""
+
+    n = 0.0
+
+    def update(self, more: float = 1.0) -> None:
+        """Note that so much more is done."""
+
+    def set_postfix_str(self, text: str, refresh: bool = True) -> None:
+        """Write a text behind the bar."""
+
+    def refresh(self) -> None:
+        """Draw the bar again."""
+
+
+def _drawn(bar: dict[str, Any]) -> Any:
+    from tqdm import tqdm  # type: ignore[import-untyped]
+
+    return tqdm(**bar)
 
 
 class _Pace:

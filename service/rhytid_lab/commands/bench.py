@@ -18,7 +18,7 @@ from rhytid.domain.asset_settings import PRESETS
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import FrameError, InputError, RhytidError
 from rhytid.support.console import STDOUT, counted, report, table, write_json
-from rhytid_lab.commands import check_client
+from rhytid_lab.commands import SUMMARIES, check_client
 
 if TYPE_CHECKING:
     from rhytid.device.runtime import Device
@@ -48,10 +48,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "bench",
-        "Time a frame on a device, in seconds and in map copies (a copy reads and writes R² "
-        "float32 in the same run), beside other implementations of the same: graphics shaders, "
-        "numba, numpy, OpenCV. What differs from ours is not timed. On the built-in face, or on "
-        "one of your own with its frames.",
+        SUMMARIES["bench"],
         "rhytid bench --size 4096 --wrinkles 1250000 --json figures.json",
     )
     parser.add_argument("--mesh", type=readable, metavar="NPZ", help="a neutral mesh with frames")

@@ -29,13 +29,13 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import USUAL_UNIT, millimetres
 from rhytid.support.console import report, table, write_json
 from rhytid.support.temporary_folders import temporary_folder
-from rhytid_lab.commands import check_client
+from rhytid_lab.commands import SUMMARIES, check_client
 
 if TYPE_CHECKING:
     from rhytid.baking.run_warnings import RunWarnings
     from rhytid_lab.commands.demo_session import Query, Session
 
-SUMMARY = "Run the service on a face and write EXR sequences, contact sheets and times."
+SUMMARY = SUMMARIES["demo"]
 DETAILS = """
 A server is started on a free loopback port; face and animation go through the Python SDK. Without
 a mesh the face is procedural: it raises its brows, frowns, smiles and opens its mouth."""

@@ -11,6 +11,7 @@ from rhytid.cli.parser import Commands, new_command
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import USUAL_UNIT, millimetres
 from rhytid.support.console import report, share_bar, table, write_json
+from rhytid_lab.commands import SUMMARIES
 
 if TYPE_CHECKING:
     from rhytid.device.runtime import Device
@@ -24,8 +25,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "reproduce",
-        "Remake the figures and the timing table of the paper and measure how close the fast "
-        "method comes, as one HTML page with pictures and figures; minutes on a processor.",
+        SUMMARIES["reproduce"],
         "rhytid reproduce --out rhytid-report",
     )
     add = parser.add_argument
