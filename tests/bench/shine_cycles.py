@@ -8,6 +8,9 @@ each. One sun that has no size, no bounces, a black skin of roughness 0.35 (GGX 
 BSDF; BECKMANN is that of the Glossy BSDF, whose anisotropy is ρ₂/ρ₁ - 1); light and camera stand 30
 degrees to either side of the normal in the middle.
 
+`extension` and `single` are the nodes of the extension for Blender, with two lobes and with one;
+`lobes` and `moments` the same by hand.
+
 mean: of radiance in the square of 2.8 cm.  rms: widths of the highlight along and across its longer
 axis, by its second moments in the square, cm.  peak and half: of the picture smoothed by a Gaussian
 of 1 mm, its largest value and the root of the area that is brighter than half of that, cm.
@@ -28,7 +31,8 @@ BASE, SEEN, TILT = 0.35, 2.8, math.radians(30.0)
 # Centimetres from the camera: pixels across (a lens of 85 mm before 3000 pixels on 36 mm), samples.
 DISTANCES = {30: (661, 16), 100: (198, 180), 300: (66, 1600)}
 COARSE = 8
-KINDS = ("displaced", "normals", "moments", "lobes", "without", "bump")
+KINDS = ("displaced", "normals", "moments", "lobes", "without", "bump", "extension", "single")
+CLIENTS = Path(__file__).resolve().parents[2] / "clients"
 UV, OWN = "uv", "own"
 
 
@@ -169,7 +173,7 @@ def skin(kind: str, maps: Path, slopes: np.ndarray, distribution: str) -> bpy.ty
         found.normal(floats(slopes), OWN)
     elif kind == "bump":
         found.bump(file("1k/f.1001.smile.exr"))
-    elif kind in ("moments", "lobes", "without"):
+    elif kind in ("moments", "lobes", "without", "extension", "single"):
         found.normal(file("fine/f.normal-gl.1001.smile.png"), UV)
     if kind in ("moments", "lobes"):
         shine = (file(f"fine/f.{name}.1001.smile.png") for name in ("roughness", "anisotropy"))
@@ -177,16 +181,49 @@ def skin(kind: str, maps: Path, slopes: np.ndarray, distribution: str) -> bpy.ty
     return found.material
 
 
+def extended(obj: bpy.types.Object, maps: Path, lobes: bool) -> None:
+    """Have the material of an object shine as the extension for Blender does it, by the same maps
+    as it has them."""
+    sys.path[:0] = [str(CLIENTS / "blender"), str(CLIENTS / "python")]
+    import rhytid_blender
+    from rhytid_blender import nodes, shine
+
+    if not hasattr(bpy.types.Object, "rhytid"):
+        rhytid_blender.register()
+    given = obj.rhytid
+    given.uv_map, given.roughness, given.lobes, given.strength = UV, BASE, lobes, 0.0
+    nodes.set_up(obj)
+    red, green = pixels(maps / "fine/f.roughness.1001.smile.png")[..., :2].transpose(2, 0, 1)
+    x, y = 2.0 * pixels(maps / "fine/f.anisotropy.1001.smile.png")[..., :2].transpose(2, 0, 1) - 1.0
+    strength = np.minimum((1.0 - (green / red) ** 2) / 0.9, 1.0) / (x * x + y * y)
+    values = [np.sqrt(red * green), 0.5 + strength * (x * x - y * y) / 2, 0.5 + strength * x * y]
+    shine.connect(obj, image_of("shine", np.stack([*values, np.ones_like(red)], -1)))
+
+
+def pixels(path: Path) -> np.ndarray:
+    """(n, n, 4) of a map, the lowest row first."""
+    image = bpy.data.images.load(str(path), check_existing=True)
+    image.colorspace_settings.name = "Non-Color"
+    values = np.empty(4 * image.size[0] * image.size[1], np.float32)
+    image.pixels.foreach_get(values)
+    return values.reshape(image.size[1], image.size[0], 4).astype(np.float64)
+
+
+def image_of(name: str, values: np.ndarray) -> bpy.types.Image:
+    """Of (n, n, 4), the lowest row first."""
+    image = bpy.data.images.new(name, len(values), len(values), float_buffer=True)
+    image.colorspace_settings.name = "Non-Color"
+    image.pixels.foreach_set(np.ascontiguousarray(values, np.float32).ravel())
+    image.pack()
+    return image
+
+
 def floats(slopes: np.ndarray) -> bpy.types.Image:
     """A normal map of slopes (n, n, 2); Blender's rows go up."""
     normal = np.concatenate([-slopes, np.ones_like(slopes[..., :1])], -1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    image = bpy.data.images.new("slopes", len(slopes), len(slopes), float_buffer=True)
-    image.colorspace_settings.name = "Non-Color"
-    pixels = np.concatenate([normal * 0.5 + 0.5, np.ones_like(normal[..., :1])], -1)
-    image.pixels.foreach_set(np.ascontiguousarray(pixels[::-1], np.float32).ravel())
-    image.pack()
-    return image
+    values = np.concatenate([normal * 0.5 + 0.5, np.ones_like(normal[..., :1])], -1)
+    return image_of("slopes", values[::-1])
 
 
 def stage(seed: int, shadows: bool) -> bpy.types.Scene:
@@ -278,6 +315,8 @@ def main() -> None:
             uv = np.stack([(column + along) / whole, 1.0 - (row + down) / whole], -1)
             obj = grid(kind, points[k, k], {UV: uv, OWN: own})
         obj.data.materials.append(skin(kind, given.maps, slopes, given.distribution))
+        if kind in ("extension", "single"):
+            extended(obj, given.maps, kind == "extension")
         for away in given.distances:
             pixels, samples = DISTANCES[away]
             aim(points, normals, away)

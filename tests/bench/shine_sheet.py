@@ -19,10 +19,12 @@ from rhytid.pictures.sheet import Panel, sheet
 PIXELS, GAMMA = 200, 2.2
 DISTANCES = (30, 100, 300)
 TITLES = {
-    "displaced": "16k displacement",
+    "displaced": "displacement",
     "lobes": "1k moments, two lobes",
     "moments": "1k moments",
     "without": "1k, one roughness",
+    "extension": "extension, two lobes",
+    "single": "extension, one lobe",
 }
 CAPTION = (
     "2.8 cm of {}, smiling, one sun, specular alone; from 0.3, 1 and 3 m, each in the pixels that "

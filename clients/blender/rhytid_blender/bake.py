@@ -51,7 +51,7 @@ class RHYTID_OT_bake(Worker, bpy.types.Operator):
                 scene.frame_set(shown)
         offline.opened(obj, maps)
         if ours(obj).shine:
-            offline.shine(obj, maps)
+            offline.show_shine(obj, maps)
         count = "1 frame" if len(maps.frames) == 1 else f"{len(maps.frames)} frames"
         self.report({"INFO"}, f"{count} in {Path(maps.pattern).parent}")
 
@@ -109,7 +109,7 @@ class RHYTID_OT_open(Simple, bpy.types.Operator):
         maps = found(folder, self.name)
         offline.opened(obj, maps, None if self.start < 0 else self.start)
         if ours(obj).shine and maps.shine.file(maps.udims[0], maps.frames[0]).exists():
-            offline.shine(obj, maps)
+            offline.show_shine(obj, maps)
         done = rendering.set_up(obj, scene_of(context))
         first, last = maps.frames[0], maps.frames[-1]
         return "; ".join([f"Files {first} to {last} of {maps.name}", *done])

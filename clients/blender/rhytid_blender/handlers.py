@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import bpy
 from bpy.app.handlers import persistent
 
 from rhytid_client.hosts import Trouble
 
-from . import images, offline, saving, state, updating
+from . import images, offline, saving, shine, state, updating
 from .properties import ours
-from .words import missing_map
+from .words import missing_map, missing_shine
 
 # The cameras that were taken away, by scene, to end a render.
 _cameras: dict[int, bpy.types.Object] = {}
@@ -79,23 +80,33 @@ def _trouble_of_update(
 
 
 def _trouble_of_file(scene: bpy.types.Scene, obj: bpy.types.Object) -> str:
-    """What the panel says from now on where the map that an object shows is not there, else "".
+    """What the panel says from now on where a map that an object shows is not there, else "".
 
-    Such a map displaces nothing.
+    Such a map displaces nothing, or has nothing shine.
     """
-    image = ours(obj).image
+    given = ours(obj)
+    shown = [(given.image, given.pattern, missing_map)]
+    if given.shine and shine.connected(obj, given.shine_image):
+        shown.append((given.shine_image, given.shine_pattern, missing_shine))
+    for image, pattern, told in shown:
+        if missing := _missing(scene, obj, image, pattern):
+            status = state.status(obj)
+            status.text, status.failed = told(obj.name, str(missing), given.baked), True
+            return status.text
+    return ""
+
+
+def _missing(
+    scene: bpy.types.Scene, obj: bpy.types.Object, image: bpy.types.Image | None, pattern: str
+) -> Path | None:
+    """A file that an image of an object needs in this frame and that is not there."""
     if image is None or image.packed_files:
-        return ""
+        return None
     given, path = ours(obj), image.filepath
     if given.baked:
-        path = offline.path_at(obj, given.pattern, scene.frame_current)
+        path = offline.path_at(obj, pattern, scene.frame_current)
     found = images.files(image, path, given.udim_list())
-    missing = next((file for file in found if not file.is_file()), None)
-    if missing is None:
-        return ""
-    status = state.status(obj)
-    status.text, status.failed = missing_map(obj.name, str(missing), ours(obj).baked), True
-    return status.text
+    return next((file for file in found if not file.is_file()), None)
 
 
 def _stop(scene: bpy.types.Scene) -> None:

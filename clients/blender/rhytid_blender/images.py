@@ -30,6 +30,12 @@ def sharer(obj: bpy.types.Object) -> bpy.types.Object | None:
     return next((o for o in others if image is not None and ours(o).image == image), None)
 
 
+def part(obj: bpy.types.Object) -> None:
+    """A copy of another object shall have images of its own."""
+    if own(obj) is None:
+        ours(obj).image = ours(obj).shine_image = None
+
+
 def is_of_copy(obj: bpy.types.Object) -> bool:
     """Whether the image of the object was made for an object of another name."""
     image = ours(obj).image
@@ -59,12 +65,22 @@ def portable(path: str) -> str:
 
 def image_of(obj: bpy.types.Object, path: str, udims: list[int]) -> bpy.types.Image:
     """The image of the object, made where there is none, showing `path`."""
-    image = ours(obj).image
-    if image is None:
-        image = bpy.data.images.load(path.replace("<UDIM>", str(udims[0])))
-        image.name = _name(obj)
-        ours(obj).image = image
+    image = ours(obj).image = ours(obj).image or _loaded(_name(obj), path, udims)
     show(image, path, udims)
+    return image
+
+
+def shine_of(obj: bpy.types.Object, path: str, udims: list[int]) -> bpy.types.Image:
+    """The same of its shine."""
+    name = f"rhytid shine {obj.name}"
+    image = ours(obj).shine_image = ours(obj).shine_image or _loaded(name, path, udims)
+    show(image, path, udims)
+    return image
+
+
+def _loaded(name: str, path: str, udims: list[int]) -> bpy.types.Image:
+    image = bpy.data.images.load(path.replace("<UDIM>", str(udims[0])))
+    image.name = name
     return image
 
 
@@ -100,16 +116,17 @@ def _tiles(image: bpy.types.Image, udims: list[int]) -> None:
             image.tiles.remove(tile)
 
 
-def written(obj: bpy.types.Object, maps: dict[int, bytes]) -> str:
+def written(obj: bpy.types.Object, maps: dict[int, bytes], ending: str = "exr") -> str:
     """Write maps to the session's temporary folder; their path, `<UDIM>` in place of the number.
 
-    Each object has a folder of its own there, whatever it is called meanwhile.
+    ending: of the files. Each object has a folder of its own there, whatever it is called
+    meanwhile.
     """
     folder = folder_at(Path(bpy.app.tempdir) / "rhytid" / str(obj.session_uid))
     start, serial = slug(obj.name), f"{next(_serial):06d}"
     for udim, data in maps.items():
-        replaced(folder / f"{start}.{udim}.{serial}.exr", data)
-        of_tile = sorted(folder.glob(f"*.{udim}.*.exr"), key=lambda file: file.suffixes[-2])
-        for old in of_tile[:-KEPT]:
+        replaced(folder / f"{start}.{udim}.{serial}.{ending}", data)
+        found = folder.glob(f"*.{udim}.*.{ending}")
+        for old in sorted(found, key=lambda file: file.suffixes[-2])[:-KEPT]:
             old.unlink(missing_ok=True)
-    return str(folder / f"{start}.<UDIM>.{serial}.exr")
+    return str(folder / f"{start}.<UDIM>.{serial}.{ending}")

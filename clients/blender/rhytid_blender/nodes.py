@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from math import pi
 from typing import Any
 
 import bpy
 
 from rhytid_client.hosts import Trouble
 
-from .properties import HEIGHT, ours, scale, trees
+from .properties import HEIGHT, SHINE, ours, scale, trees
 from .typed import mesh_of, tree_of
 from .words import shared
 
 # By these names they are found again.
 UV, TEXTURE, GREEN, SUM = "rhytid uv", "rhytid map", "rhytid green", "rhytid sum"
-SHINE = "rhytid shine"
 
 
 def set_up(obj: bpy.types.Object) -> list[str]:
@@ -65,65 +63,13 @@ def play(obj: bpy.types.Object, count: int, start: int, first: int) -> None:
                 user.use_cyclic, user.use_auto_refresh = False, True
 
 
-def connect_shine(obj: bpy.types.Object, image: bpy.types.Image) -> None:
-    """Give roughness, anisotropy and its direction of each Principled BSDF of the object from an
-    image of `baking`; what was linked there is replaced. Raises Trouble where there is none."""
-    shaders = [
-        (tree, node) for tree in trees(obj) for node in tree.nodes if node.type == "BSDF_PRINCIPLED"
-    ]
-    if not shaders:
-        raise Trouble(f"No material of '{obj.name}' has a Principled BSDF: shine is not connected")
-    for tree, shader in shaders:
-        _shine(tree, shader, image, ours(obj).uv_map)
-
-
-def disconnect_shine(obj: bpy.types.Object) -> None:
-    """Take out what `connect_shine` made: inputs have the values that they had before."""
-    for tree in trees(obj):
-        for node in [node for node in tree.nodes if node.name.startswith(SHINE)]:
-            tree.nodes.remove(node)
-
-
-def _shine(tree: Any, shader: Any, image: bpy.types.Image, uv_map: str) -> None:
-    """Anisotropy is the length of (2 green - 1, 2 blue - 1), the axis has half their angle: as such
-    they are filtered without the jump that an angle has."""
-    link = tree.links.new
-    uv = _node(tree, UV, "ShaderNodeUVMap", shader, -950)
-    texture = _node(tree, SHINE, "ShaderNodeTexImage", shader, -750)
-    red = _node(tree, f"{SHINE} red", "ShaderNodeSeparateColor", shader, -450)
-    axis = _node(tree, f"{SHINE} axis", "ShaderNodeVectorMath", shader, -450)
-    length = _node(tree, f"{SHINE} length", "ShaderNodeVectorMath", shader, -300)
-    parts = _node(tree, f"{SHINE} parts", "ShaderNodeSeparateXYZ", shader, -300)
-    angle = _node(tree, f"{SHINE} angle", "ShaderNodeMath", shader, -200)
-    turns = _node(tree, f"{SHINE} turns", "ShaderNodeMath", shader, -100)
-    tangent = _node(tree, f"{SHINE} tangent", "ShaderNodeTangent", shader, -100)
-    texture.image, texture.interpolation, texture.extension = image, "Linear", "EXTEND"
-    uv.uv_map = tangent.uv_map = uv_map
-    axis.operation, length.operation, tangent.direction_type = "MULTIPLY_ADD", "LENGTH", "UV_MAP"
-    axis.inputs[1].default_value, axis.inputs[2].default_value = (0, 2, 2), (0, -1, -1)
-    angle.operation, turns.operation = "ARCTAN2", "MULTIPLY"
-    turns.inputs[1].default_value = 1.0 / (4.0 * pi)
-    link(uv.outputs["UV"], texture.inputs["Vector"])
-    link(texture.outputs["Color"], red.inputs["Color"])
-    link(texture.outputs["Color"], axis.inputs[0])
-    link(axis.outputs["Vector"], length.inputs[0])
-    link(axis.outputs["Vector"], parts.inputs[0])
-    link(parts.outputs["Z"], angle.inputs[0])
-    link(parts.outputs["Y"], angle.inputs[1])
-    link(angle.outputs[0], turns.inputs[0])
-    link(red.outputs["Red"], shader.inputs["Roughness"])
-    link(length.outputs["Value"], shader.inputs["Anisotropic"])
-    link(turns.outputs[0], shader.inputs["Anisotropic Rotation"])
-    link(tangent.outputs["Tangent"], shader.inputs["Tangent"])
-
-
 def _displace(material: bpy.types.Material, obj: bpy.types.Object) -> None:
     tree = tree_of(material)
     output = _output(tree)
-    uv = _node(tree, UV, "ShaderNodeUVMap", output, -950)
-    texture = _node(tree, TEXTURE, "ShaderNodeTexImage", output, -750)
-    green = _node(tree, GREEN, "ShaderNodeSeparateColor", output, -450)
-    height = _node(tree, HEIGHT, "ShaderNodeDisplacement", output, -300)
+    uv = node_of(tree, UV, "ShaderNodeUVMap", output, -950)
+    texture = node_of(tree, TEXTURE, "ShaderNodeTexImage", output, -750)
+    green = node_of(tree, GREEN, "ShaderNodeSeparateColor", output, -450)
+    height = node_of(tree, HEIGHT, "ShaderNodeDisplacement", output, -300)
     uv.uv_map = ours(obj).uv_map
     texture.image = ours(obj).image
     # Cubic of Cycles is a B-spline: it flattens what is a few texels wide.
@@ -152,7 +98,7 @@ def _connect(tree: Any, height: Any, output: Any) -> None:
     if present is None or present.node == height:
         tree.links.new(height.outputs["Displacement"], target)
         return
-    both = _node(tree, SUM, "ShaderNodeVectorMath", output, -150)
+    both = node_of(tree, SUM, "ShaderNodeVectorMath", output, -150)
     if present.node != both:
         both.operation = "ADD"
         tree.links.new(present, both.inputs[0])
@@ -165,7 +111,8 @@ def _output(tree: Any) -> Any:
     return found if found is not None else tree.nodes.new("ShaderNodeOutputMaterial")
 
 
-def _node(tree: Any, name: str, kind: str, beside: Any, x: float) -> Any:
+def node_of(tree: Any, name: str, kind: str, beside: Any, x: float) -> Any:
+    """The node of a name, made where it is not there, left of another one."""
     node = tree.nodes.get(name)
     if node is None:
         node = tree.nodes.new(kind)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import bpy
 
-from rhytid_client.hosts import MapSequence, units
+from rhytid_client.hosts import MapSequence, Trouble, units
+from rhytid_client.hosts.baking import roughness_of
 
-from . import images, meshes, nodes
+from . import images, meshes, nodes, shine, state
 from .properties import ours
 from .typed import scene_of
 
@@ -17,9 +18,9 @@ def opened(obj: bpy.types.Object, maps: MapSequence, start: int | None = None) -
 
     Raises Trouble, the object as it was, where its unit or its materials do not allow it.
     """
-    given, own, factor = ours(obj), images.own(obj), _factor(obj, maps.unit)
-    nodes.check(obj, own)
-    given.image = own
+    given, factor = ours(obj), _factor(obj, maps.unit)
+    nodes.check(obj, images.own(obj))
+    images.part(obj)
     given.baked, given.pattern = True, images.portable(maps.pattern)
     given.digits = maps.digits
     given.first, given.last = maps.frames[0], maps.frames[-1]
@@ -29,7 +30,7 @@ def opened(obj: bpy.types.Object, maps: MapSequence, start: int | None = None) -
     image = images.image_of(obj, images.portable(maps.path(given.first)), list(maps.udims))
     nodes.set_up(obj)
     given.shine_pattern = ""
-    nodes.disconnect_shine(obj)
+    shine.disconnect(obj)
     if maps.tiled:
         _show(obj, scene_of(bpy.context).frame_current)
     else:
@@ -37,20 +38,46 @@ def opened(obj: bpy.types.Object, maps: MapSequence, start: int | None = None) -
         play(obj)
 
 
-def shine(obj: bpy.types.Object, maps: MapSequence) -> None:
+def show_shine(obj: bpy.types.Object, maps: MapSequence) -> None:
     """Connect the files of shine of the sequence that the object shows to its materials; raises
     Trouble where none has a Principled BSDF."""
-    given, first = ours(obj), images.portable(maps.shine.path(maps.frames[0]))
-    udims = list(maps.udims)
-    if given.shine_image is None:
-        given.shine_image = bpy.data.images.load(first.replace("<UDIM>", str(udims[0])))
-        given.shine_image.name = f"rhytid shine {obj.name}"
-    images.show(given.shine_image, first, udims)
-    nodes.connect_shine(obj, given.shine_image)
+    given, udims, first = ours(obj), list(maps.udims), maps.frames[0]
+    shine.set_base(obj, roughness_of(maps.shine.file(udims[0], first)) or given.roughness)
+    image = images.shine_of(obj, images.portable(maps.shine.path(first)), udims)
+    shine.connect(obj, image)
     given.shine_pattern = images.portable(maps.shine.pattern)
     if not maps.tiled:
-        given.shine_image.source = "SEQUENCE"
+        image.source = "SEQUENCE"
     play(obj)
+
+
+def switch_shine(obj: bpy.types.Object) -> None:
+    """Connect shine as the switches of the object are now, or take it out; what is wrong is told by
+    the panel."""
+    try:
+        connect_shine(obj)
+    except Trouble as trouble:
+        status = state.status(obj)
+        status.text, status.failed = str(trouble), True
+
+
+def connect_shine(obj: bpy.types.Object) -> None:
+    """Connect shine that is asked for and of the map that is shown, else take it out. Raises
+    Trouble."""
+    given, image = ours(obj), ours(obj).shine_image
+    if not given.shine:
+        shine.disconnect(obj)
+    elif image is not None and _is_of_map(obj, image):
+        shine.connect(obj, image)
+        play(obj)
+
+
+def _is_of_map(obj: bpy.types.Object, image: bpy.types.Image) -> bool:
+    """Whether an image has shine of the map that is shown: files of the same sequence, or drawn
+    with it."""
+    if ours(obj).baked:
+        return ours(obj).shine_pattern != ""
+    return image.filepath == state.status(obj).shine_path or shine.connected(obj, image)
 
 
 def play(obj: bpy.types.Object) -> None:

@@ -79,6 +79,7 @@ class Sender(Worker):
             nodes.check(obj, ours(obj).image)
             theirs.unlink()
         done = [*nodes.set_up(obj), *rendering.set_up(obj, scene)]
+        offline.connect_shine(obj)
         self.report({"INFO"}, "Set up: " + "; ".join(done))
         for warning in state.status(obj).of_mesh:
             self.report({"WARNING"}, warning)
@@ -114,7 +115,7 @@ def _settings(obj: bpy.types.Object, positions: meshes.Array) -> dict[str, Any]:
 def _sent(obj: bpy.types.Object, asset: Asset, unit: str) -> None:
     given, status = ours(obj), state.status(obj)
     given.asset, given.vertices, given.sent_unit = asset.id, asset.vertices, unit
-    given.image = images.own(obj)  # a copy of another object has a map of its own
+    images.part(obj)
     given.udims = ",".join(str(udim) for udim in asset.udims)
     given.uv_map, given.factor, given.baked = meshes.uv_map(obj), 1.0, False
     status.of_mesh, status.digest = tuple(str(warning) for warning in asset.warnings), ""
@@ -155,7 +156,7 @@ def _live_again(obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
     except Trouble:
         given.udims = before
         raise
-    given.baked, given.factor = False, 1.0
+    given.baked, given.factor, given.shine_pattern = False, 1.0, ""
 
 
 class RHYTID_OT_set_up(Simple, bpy.types.Operator):
@@ -170,6 +171,7 @@ class RHYTID_OT_set_up(Simple, bpy.types.Operator):
         if ours(obj).image is None:
             raise Trouble(NOT_SENT)
         done = nodes.set_up(obj)
+        offline.connect_shine(obj)
         offline.play(obj)
         return "; ".join([*done, *rendering.set_up(obj, scene_of(context))])
 

@@ -38,6 +38,7 @@ class RHYTID_PT_main(bpy.types.Panel):
         _mesh(layout, obj)
         if ours(obj).image is not None:
             _look(layout, obj)
+        _shine(layout, obj)
         _files(layout, obj)
         _status(layout, obj)
 
@@ -74,14 +75,19 @@ def _look(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     column.operator("rhytid.set_up", icon="NODETREE")
 
 
+def _shine(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
+    column = layout.column()
+    column.prop(ours(obj), "shine")
+    if ours(obj).shine:
+        column.prop(ours(obj), "roughness")
+        column.prop(ours(obj), "lobes")
+
+
 def _files(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     column = layout.column()
     if ours(obj).asset:
         column.prop(ours(obj), "folder")
         column.prop(ours(obj), "half")
-        column.prop(ours(obj), "shine")
-        if ours(obj).shine:
-            column.prop(ours(obj), "roughness")
         column.operator("rhytid.bake", icon="RENDER_ANIMATION")
     column.operator("rhytid.open", icon="FILE_FOLDER")
 

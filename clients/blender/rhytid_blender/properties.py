@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 # The node that displaces, by which our node trees are known.
 HEIGHT = "rhytid height"
+# With this the names of the nodes begin that a material shines by; it is that of the image.
+SHINE = "rhytid shine"
 METHODS = (
     ("redraw", "Redraw", "Every wrinkle drawn anew: exact"),
     ("binned", "Binned", "Precomputed maps blended: fast"),
@@ -38,11 +40,18 @@ def _strength(properties: "RhytidProperties", context: bpy.types.Context) -> Non
     scale(properties.id_data)
 
 
+def _shine(properties: "RhytidProperties", context: bpy.types.Context) -> None:
+    from . import offline  # which has properties from here
+
+    offline.switch_shine(properties.id_data)
+
+
 class RhytidProperties(bpy.types.PropertyGroup):
     """Of one object.
 
     asset, vertices, udims, sent_unit: of the mesh as the server has it.  factor: mesh units in one
-    of the map.  first, last: numbers of the files of an opened folder.
+    of the map.  first, last: numbers of the files of an opened folder.  base: the roughness that
+    the map of shine was made with, 0 where it is not known.
     """
 
     if TYPE_CHECKING:
@@ -56,6 +65,7 @@ class RhytidProperties(bpy.types.PropertyGroup):
         start: int
         half: bool
         shine: bool
+        lobes: bool
         roughness: float
         asset: str
         vertices: int
@@ -71,6 +81,7 @@ class RhytidProperties(bpy.types.PropertyGroup):
         image: bpy.types.Image | None
         shine_image: bpy.types.Image | None
         shine_pattern: str
+        base: float
     else:  # Blender reads annotations, which hold calls
         strength: FloatProperty(
             name="Strength",
@@ -112,8 +123,18 @@ class RhytidProperties(bpy.types.PropertyGroup):
         )
         shine: BoolProperty(
             name="Shine",
-            description="Bake roughness along and across from what relief is finer than four "
-            "texels, and connect it to the Principled BSDF, for skin that is seen from afar",
+            description="Roughness along and across, from what relief is finer than four texels, "
+            "drawn or baked with the map and connected to the Principled BSDF: for skin that is "
+            "seen from afar",
+            update=_shine,
+        )
+        lobes: BoolProperty(
+            name="Two lobes",
+            description="A second highlight beside that of the Principled BSDF, for the shape that "
+            "relief gives it in Cycles; off, one that is up to 11 % too bright in its middle and "
+            "10 % too narrow",
+            default=True,
+            update=_shine,
         )
         roughness: FloatProperty(
             name="Roughness",
@@ -137,6 +158,7 @@ class RhytidProperties(bpy.types.PropertyGroup):
         image: PointerProperty(type=bpy.types.Image)
         shine_image: PointerProperty(type=bpy.types.Image)
         shine_pattern: StringProperty()
+        base: FloatProperty()
 
     def udim_list(self) -> list[int]:
         """The UDIMs of the map."""

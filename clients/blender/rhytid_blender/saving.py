@@ -26,7 +26,7 @@ from .words import not_kept
 
 # What was shown before, by image: a copy that is saved leaves the file as it was.
 _before: list[tuple[bpy.types.Image, str]] = []
-_NAME = re.compile(r"(.+\.1\d{3})\.[0-9a-f]{16}\.exr")
+_NAME = re.compile(r"(.+\.1\d{3})\.[0-9a-f]{16}\.(?:exr|png)")
 
 
 @persistent  # type: ignore[untyped-decorator]
@@ -59,45 +59,53 @@ def _with_live_map() -> Iterator[bpy.types.Object]:
     seen = set()
     for obj in bpy.data.objects:
         image = ours(obj).image
-        if image is None or ours(obj).baked or image.library or image.packed_files:
-            continue
-        if image not in seen:
+        if image is not None and not ours(obj).baked and _is_here(image) and image not in seen:
             seen.add(image)
             yield obj
 
 
+def _is_here(image: bpy.types.Image) -> bool:
+    return not (image.library or image.packed_files)
+
+
 def _kept(obj: bpy.types.Object, blend: Path) -> str:
-    """Keep the map of an object; what is wrong where that fails, else ""."""
-    image, udims = there(ours(obj).image, "an image"), ours(obj).udim_list()
-    folder = blend.parent / "rhytid" / slug(blend.stem)
-    found = images.files(image, image.filepath, udims)
+    """Keep the maps of an object; what is wrong where that fails, else ""."""
+    folder, name = blend.parent / "rhytid" / slug(blend.stem), slug(obj.name)
+    image, shine = ours(obj).image, ours(obj).shine_image
     try:
-        maps = dict(zip(udims, found, strict=True))
-        path = _written(folder_at(folder), slug(obj.name), maps)
+        _keep(there(image, "an image"), ours(obj).udim_list(), folder, name)
+        if ours(obj).shine and shine is not None and _is_here(shine):
+            _keep(shine, ours(obj).udim_list(), folder, f"{name}.shine")
     except (OSError, Trouble) as exc:
         status = state.status(obj)
         status.text, status.failed = not_kept(obj.name, exc), True
         return status.text
+    return ""
+
+
+def _keep(image: bpy.types.Image, udims: list[int], folder: Path, name: str) -> None:
+    """Copy the map of an image and have it shown from there; raises OSError and Trouble."""
+    found = images.files(image, image.filepath, udims)
+    path = _written(folder_at(folder), name, dict(zip(udims, found, strict=True)))
     _before.append((image, image.filepath))
     now = images.portable(path if image.source == "TILED" else path.replace("<UDIM>", "1001"))
     if now != image.filepath:
         image.filepath = now
-    return ""
 
 
 def _written(folder: Path, name: str, maps: dict[int, Path]) -> str:
     """Copy the maps that are not there; their path, `<UDIM>` in place of the number. One map at a
     time is in memory. Raises OSError and Trouble."""
     whole = sha256(b"".join(sha256(path.read_bytes()).digest() for path in maps.values()))
-    digest = whole.hexdigest()[:16]
+    digest, ending = whole.hexdigest()[:16], next(iter(maps.values())).suffix
     for udim, path in maps.items():
-        file = folder / f"{name}.{udim}.{digest}.exr"
+        file = folder / f"{name}.{udim}.{digest}{ending}"
         if file.is_file() and file.stat().st_size == path.stat().st_size:
             os.utime(file)
         else:
             replaced(file, path.read_bytes())
         _prune(folder, f"{name}.{udim}")
-    return str(folder / f"{name}.<UDIM>.{digest}.exr")
+    return str(folder / f"{name}.<UDIM>.{digest}{ending}")
 
 
 def _prune(folder: Path, of_tile: str) -> None:

@@ -13,8 +13,8 @@ import bpy
 class Status:
     """What the panel shows of an object.
 
-    of_mesh, of_frame: warnings.  digest: of what the present map was drawn from.  path: that the
-    image showed then.  silent_until: no live update before that time.
+    of_mesh, of_frame: warnings.  digest: of what the present map was drawn from.  path,
+    shine_path: that the images showed then.  silent_until: no live update before that time.
     """
 
     text: str = ""
@@ -23,6 +23,7 @@ class Status:
     of_frame: tuple[str, ...] = ()
     digest: str = ""
     path: str = ""
+    shine_path: str = ""
     silent_until: float = 0.0
 
 
@@ -56,6 +57,8 @@ def moved(before: str, after: str) -> None:
     for known in _session.statuses.values():
         if known.path == before:
             known.path = after
+        if known.shine_path == before:
+            known.shine_path = after
 
 
 def work() -> Work:

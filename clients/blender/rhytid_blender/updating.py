@@ -8,13 +8,13 @@ from time import monotonic
 
 import bpy
 
-from rhytid_client import Sampling, TileFormat
-from rhytid_client.hosts import Drawing, Trouble
+from rhytid_client import Sampling, TileFormat, npy
+from rhytid_client.hosts import Drawing, Trouble, baking
 from rhytid_client.hosts.files import slug
 from rhytid_client.hosts.trouble import NOT_SENT
 
-from . import connection, images, meshes, state
-from .properties import ours
+from . import connection, images, meshes, shine, state
+from .properties import ours, trees
 from .typed import there
 from .words import copied
 
@@ -98,13 +98,14 @@ def update(
     status = state.status(obj)
     try:
         now, asked = positions(obj, graph), drawing(obj)
-        digest = sha256(now.tobytes() + f"{ours(obj).asset} {asked}".encode()).hexdigest()
+        settings = f"{ours(obj).asset} {asked} {_roughness(obj)}"
+        digest = sha256(now.tobytes() + settings.encode()).hexdigest()
         drawer = _drawer(obj, graph, others)
         if not _is_shown(drawer, digest):
             if drawer != obj:
                 raise _not_drawn(obj, drawer)
             _draw(obj, now, asked)
-            status.digest, status.path = digest, there(ours(obj).image, "an image").filepath
+            status.digest = digest
     except Trouble as trouble:
         status.text, status.failed, status.digest = str(trouble), True, ""
         status.silent_until = monotonic() + SILENCE_SECONDS
@@ -127,16 +128,45 @@ def _not_drawn(obj: bpy.types.Object, drawer: bpy.types.Object) -> Trouble:
     return Trouble(status.text if status.failed else copied(obj.name, drawer.name))
 
 
+def _roughness(obj: bpy.types.Object) -> float | None:
+    """Of skin without relief; None where no shine is asked for."""
+    return ours(obj).roughness if ours(obj).shine else None
+
+
 def _is_shown(obj: bpy.types.Object, digest: str) -> bool:
-    status, given = state.status(obj), ours(obj)
-    return digest == status.digest and images.shows(given.image, status.path, given.udim_list())
+    status, given, udims = state.status(obj), ours(obj), ours(obj).udim_list()
+    shown = images.shows(given.image, status.path, udims)
+    if given.shine:
+        shown = shown and images.shows(given.shine_image, status.shine_path, udims)
+    return shown and digest == status.digest
 
 
 def _draw(obj: bpy.types.Object, now: meshes.Array, asked: Drawing) -> None:
-    given, udims = ours(obj), ours(obj).udim_list()
-    server, who = connection.server(), slug(obj.name)
-    maps, state.status(obj).of_frame = server.drawn(given.asset, who, now, udims, asked)
-    images.image_of(obj, images.written(obj, maps), udims)
+    given, status, roughness = ours(obj), state.status(obj), _roughness(obj)
+    udims, drawings = given.udim_list(), [asked]
+    if roughness is not None:
+        drawings.append(baking.slopes(asked))
+    found, status.of_frame = connection.server().drawn_each(
+        given.asset, slug(obj.name), now, udims, drawings
+    )
+    image = images.image_of(obj, images.written(obj, found[0]), udims)
+    status.path = image.filepath
+    if roughness is not None:
+        files = {
+            udim: baking.shine(npy.decode(data), roughness, quick=True)
+            for udim, data in found[1].items()
+        }
+        image = images.shine_of(obj, images.written(obj, files, "png"), udims)
+        status.shine_path = image.filepath
+        show_shine(obj, image, roughness)
+
+
+def show_shine(obj: bpy.types.Object, image: bpy.types.Image, roughness: float) -> None:
+    """Have materials shine by a map that was drawn, once they have our displacement; raises Trouble
+    where none can."""
+    shine.set_base(obj, roughness)
+    if trees(obj) and not shine.connected(obj, image):
+        shine.connect(obj, image)
 
 
 def quietly(

@@ -27,6 +27,12 @@ def missing_map(name: str, path: str, baked: bool) -> str:
     return f"The map of '{name}' is missing, its skin is smooth: {how} ({path})"
 
 
+def missing_shine(name: str, path: str, baked: bool) -> str:
+    """The file of a map of shine is gone."""
+    how = "bake the frames again, or open their folder" if baked else "press 'Draw Now'"
+    return f"The shine of '{name}' is missing, its roughness is even: {how} ({path})"
+
+
 def not_kept(name: str, why: object) -> str:
     """A saved file refers to a map that will be gone."""
     return (
