@@ -1,9 +1,12 @@
 """What is saved with an object: how it was sent, and how its wrinkles are drawn; and the nodes that
-follow its strength."""
+follow its strength.
+
+Blender as a Python module never frees this class, and so nothing that its functions know: were the
+name bpy among that, Blender would not take itself down before Python, and crash after it.
+"""
 
 from typing import TYPE_CHECKING, Any
 
-import bpy
 from bpy.props import (
     BoolProperty,
     EnumProperty,
@@ -12,6 +15,7 @@ from bpy.props import (
     PointerProperty,
     StringProperty,
 )
+from bpy.types import Context, Image, Object, PropertyGroup
 
 if TYPE_CHECKING:
     from rhytid_client import Method
@@ -36,17 +40,17 @@ UNITS = (
 )
 
 
-def _strength(properties: "RhytidProperties", context: bpy.types.Context) -> None:
+def _strength(properties: "RhytidProperties", context: Context) -> None:
     scale(properties.id_data)
 
 
-def _shine(properties: "RhytidProperties", context: bpy.types.Context) -> None:
+def _shine(properties: "RhytidProperties", context: Context) -> None:
     from . import offline  # which has properties from here
 
     offline.switch_shine(properties.id_data)
 
 
-class RhytidProperties(bpy.types.PropertyGroup):
+class RhytidProperties(PropertyGroup):
     """Of one object.
 
     asset, vertices, udims, sent_unit: of the mesh as the server has it.  factor: mesh units in one
@@ -78,8 +82,8 @@ class RhytidProperties(bpy.types.PropertyGroup):
         digits: int
         first: int
         last: int
-        image: bpy.types.Image | None
-        shine_image: bpy.types.Image | None
+        image: Image | None
+        shine_image: Image | None
         shine_pattern: str
         base: float
     else:  # Blender reads annotations, which hold calls
@@ -155,8 +159,8 @@ class RhytidProperties(bpy.types.PropertyGroup):
         digits: IntProperty()
         first: IntProperty()
         last: IntProperty()
-        image: PointerProperty(type=bpy.types.Image)
-        shine_image: PointerProperty(type=bpy.types.Image)
+        image: PointerProperty(type=Image)
+        shine_image: PointerProperty(type=Image)
         shine_pattern: StringProperty()
         base: FloatProperty()
 
@@ -168,19 +172,19 @@ class RhytidProperties(bpy.types.PropertyGroup):
 CLASSES = (RhytidProperties,)
 
 
-def ours(obj: bpy.types.Object) -> RhytidProperties:
+def ours(obj: Object) -> RhytidProperties:
     """Our properties of an object, which `register` gives to every one."""
     properties: RhytidProperties = obj.rhytid  # type: ignore[attr-defined]
     return properties
 
 
-def scale(obj: bpy.types.Object) -> None:
+def scale(obj: Object) -> None:
     """Set the height of the displacement of an object: its strength, in the unit of the mesh."""
     for tree in trees(obj):
         tree.nodes[HEIGHT].inputs["Scale"].default_value = ours(obj).strength * ours(obj).factor
 
 
-def trees(obj: bpy.types.Object) -> list[Any]:
+def trees(obj: Object) -> list[Any]:
     """The node trees of an object's materials that have our nodes."""
     found = [slot.material.node_tree for slot in obj.material_slots if slot.material]
     return [tree for tree in found if tree is not None and HEIGHT in tree.nodes]

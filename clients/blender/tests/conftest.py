@@ -25,24 +25,6 @@ BUILD = Path(__file__).resolve().parents[1] / "build.py"
 PATIENCE_SECONDS = 120.0
 
 
-_status = 0
-
-
-@pytest.hookimpl(trylast=True)
-def pytest_sessionfinish(exitstatus: int) -> None:
-    global _status
-    _status = int(exitstatus)
-
-
-@pytest.hookimpl(trylast=True)
-def pytest_unconfigure() -> None:
-    """End with the status of the tests: bpy 4.2 crashes when Python takes it down."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    _HOME.cleanup()
-    os._exit(_status)
-
-
 @pytest.fixture(scope="session")
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The package, built and validated as it is released."""

@@ -175,7 +175,7 @@ def test_a_render_without_a_server_ends_with_an_error(
     look_down(blender, (0.0, 0.0), TEXEL, 8)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
     run = """
-import os, sys, bpy
+import sys, bpy
 bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
 bpy.ops.preferences.addon_enable(module="bl_ext.user_default.rhytid")
 bpy.ops.wm.open_mainfile(filepath=sys.argv[3])
@@ -187,9 +187,7 @@ try:
 except RuntimeError as exc:
     print(exc)
     status = 1
-sys.stdout.flush()
-# bpy, not Blender, may crash while Python ends, when all is done.
-os._exit(status)
+sys.exit(status)
 """
     ends = []
     for server, out in ((service, "good."), ("http://127.0.0.1:9", "bad.")):

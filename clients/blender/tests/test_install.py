@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import zipfile
 from pathlib import Path
@@ -43,6 +44,14 @@ def test_handlers_and_properties_come_and_go(installed: None) -> None:
     assert not any(present())
     bpy.ops.preferences.addon_enable(module=ADDON)
     assert all(present())
+
+
+@pytest.mark.parametrize("end", ["addon_disable", "addon_enable"])
+def test_python_ends_as_it_does_without_the_extension(installed: None, end: str) -> None:
+    script = f"import bpy; bpy.ops.preferences.{end}(module={ADDON!r}); print('done')"
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert "done" in run.stdout, run.stderr
+    assert run.returncode == 0
 
 
 def test_connection(blender: bpy.types.Scene) -> None:

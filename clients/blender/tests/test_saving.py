@@ -22,7 +22,7 @@ COUNT, TEXELS, TEXEL = 48, 256, 0.01
 PIXELS = 21
 # Opens a file and renders a frame: a process of its own, as on a machine of a render farm.
 RENDER = """
-import os, sys, bpy
+import sys, bpy
 path, out, server, frame = sys.argv[1:5]
 bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
 if server != "none":
@@ -39,9 +39,7 @@ except RuntimeError as exc:
     assert scene.camera == camera
     print("ended:", exc)
     status = 3
-sys.stdout.flush()
-# bpy, not Blender, may crash while Python ends, when all is done.
-os._exit(status)
+sys.exit(status)
 """
 NOBODY = "http://127.0.0.1:9"
 
