@@ -88,13 +88,13 @@ REGIONS: dict[str, Region] = {
     # Long level lines, coarse and deep, that hardly branch; pores of medium size.
     "forehead": Region(
         density=1.0,
-        strength=1.25,
+        strength=1.1,
         pore_strength=0.65,
         anisotropy=1.85,
         bend=0.3,
         scale=1.2,
         pore_radius=0.9,
-        undulation=1.25,
+        undulation=1.5,
         patchiness=2.2,
         leading=1.3,
         crossed=1.3,
