@@ -62,8 +62,11 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let workers begin files in the order of `pytest_collection_modifyitems`."""
+    """Let workers begin files in the order of `pytest_collection_modifyitems`, and have one thread
+    each for algebra: more wait for work on the cores of other workers, a tenth of all time."""
     config.option.loadscopereorder = False
+    if getattr(config.option, "numprocesses", None):
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before they start
 
 
 @pytest.hookimpl(trylast=True)
