@@ -17,7 +17,7 @@ from exr_images import exr
 from meshes import SmallMesh
 from pipeline.scenes import sheet
 from reference import tracing as reference
-from rhytid.baking.input_files import mask_files, mesh_file
+from rhytid.baking.input_files import control_files, mask_files, mesh_file, stiffness_files
 from rhytid.baking.inputs import scanned_skin
 from rhytid.baking.request import SkinRequest
 from rhytid.baking.run_warnings import RunWarnings
@@ -31,6 +31,8 @@ from rhytid_lab.samples.face import procedural_face
 
 SIDE, RANGE = 256, 0.02
 STEP = RANGE / 65535
+# Of a map of each UDIM.
+GREYS = {1001: 10, 1002: 200}
 FILES = {"graph.safetensors", "residual.1001.exr", "settings.json", "trace.png"}
 
 
@@ -208,6 +210,22 @@ def test_a_mask_without_a_place_is_told_how_masks_are_named(tmp_path: Path) -> N
     Image.fromarray(np.zeros((4, 4), np.uint8)).save(file)
     with pytest.raises(InputError, match=r"left\.png names no UDIM.*as in mask\.1001\.png"):
         mask_files([file], sheet(udims=2))
+
+
+def test_one_name_stands_for_the_painted_maps_of_all_udims(tmp_path: Path) -> None:
+    mesh, every = sheet(udims=2), tmp_path / "m.<UDIM>.png"
+    files = [tmp_path / f"m.{udim}.png" for udim in (1001, 1002)]
+    for file, grey in zip(files, GREYS.values(), strict=True):
+        Image.new("L", (4, 4), grey).save(file)
+    for named in ([every], files):
+        assert {udim: map[0, 0] for udim, map in mask_files(named, mesh).items()} == GREYS
+        stiffness, controls = stiffness_files(named, mesh), control_files({"turn": named}, mesh)
+        assert stiffness is not None
+        assert controls is not None
+        for maps in (stiffness.maps, controls.maps["turn"]):
+            assert {udim: map[0, 0] for udim, map in maps.items()} == GREYS
+    with pytest.raises(InputError, match=r"other\.<UDIM>\.png: there is no such file for any UDIM"):
+        mask_files([tmp_path / "other.<UDIM>.png"], mesh)
 
 
 @pytest.mark.parametrize("way", ["scan", "residual"])

@@ -11,6 +11,8 @@ from pathlib import Path
 from rhytid.domain.frame import NEUTRAL, counted_frame, frame_label
 from rhytid.errors import FrameError, InputError
 
+# In the name of a map: that of every UDIM which is there.
+ANY_UDIM = "<UDIM>"
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
 _NUMBER = re.compile(r"[0-9]+$", re.ASCII)
 _PART = re.compile(r"(-?\d+)(?:-(-?\d+)(?::(\d+))?)?", re.ASCII)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.baking.frame_names import ANY_UDIM
 from rhytid.domain.expressions import Expressions, evenly_spaced
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import ORIGIN, Centre, Mesh
@@ -31,9 +32,6 @@ from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import MeshFile
 from rhytid.formats.painted import read_controls, read_painted, read_stiffness
 from rhytid.support.console import working
-
-# Stands for a UDIM in the name of a file.
-_ANY_UDIM = "<UDIM>"
 
 
 def mesh_file(file: Path, clip: Clip | None = None) -> MeshFile:
@@ -89,24 +87,23 @@ def graph_file(file: Path) -> WrinkleGraph:
 
 
 def stiffness_files(files: Sequence[Path], mesh: Mesh) -> Stiffness | None:
-    """Read stiffness maps; each name of a file holds a UDIM. None where there are no files."""
-    images = [(str(file), file.read_bytes()) for file in files]
-    return read_stiffness(images, mesh_udims(mesh)) if images else None
+    """Read stiffness maps, named as those of `scan_files`. None where there are no files."""
+    udims = mesh_udims(mesh)
+    images = _images(files, udims)
+    return read_stiffness(images, udims) if images else None
 
 
 def mask_files(files: Sequence[Path], mesh: Mesh) -> dict[int, Map]:
-    """Read masks of a scan by UDIM; each name of a file holds one."""
-    images = [(str(file), file.read_bytes()) for file in files]
-    return {**read_painted(images, mesh_udims(mesh), "mask")}
+    """Read masks of a scan by UDIM, named as those of `scan_files`."""
+    udims = mesh_udims(mesh)
+    return {**read_painted(_images(files, udims), udims, "mask")}
 
 
 def control_files(files: Mapping[str, Sequence[Path]], mesh: Mesh) -> Controls | None:
-    """Read control maps; each name of a file holds a UDIM.  files: by the name of the control. None
+    """Read control maps, named as those of `scan_files`.  files: by the name of the control. None
     where there are no files."""
-    images = {
-        name: [(str(file), file.read_bytes()) for file in named] for name, named in files.items()
-    }
-    return read_controls(images, mesh_udims(mesh))
+    udims = mesh_udims(mesh)
+    return read_controls({name: _images(named, udims) for name, named in files.items()}, udims)
 
 
 def scan_files(files: Sequence[Path], mesh: Mesh, settings: ScanSettings, unit: str) -> Scan:
@@ -119,7 +116,7 @@ def scan_files(files: Sequence[Path], mesh: Mesh, settings: ScanSettings, unit: 
     from rhytid.meshes.scans import scan_of
 
     udims = mesh_udims(mesh)
-    images = [(str(file), file.read_bytes()) for file in _every_udim(files, udims)]
+    images = _images(files, udims)
     with working("reading the scan"):
         maps = read_scan(images, udims, partial=settings.partial)
     return scan_of(maps, settings, mesh, unit)
@@ -135,14 +132,18 @@ def residual_files(files: Sequence[Path], mesh: Mesh) -> Residual:
     return Residual.of({udim: scan.relief(udim) for udim in scan.maps})
 
 
+def _images(files: Sequence[Path], udims: Sequence[int]) -> list[tuple[str, bytes]]:
+    return [(str(file), file.read_bytes()) for file in _every_udim(files, udims)]
+
+
 def _every_udim(files: Sequence[Path], udims: Sequence[int]) -> list[Path]:
     """The files, with those of every UDIM that are there for each with `<UDIM>` in its name."""
     found: list[Path] = []
     for file in files:
-        if _ANY_UDIM not in file.name:
+        if ANY_UDIM not in file.name:
             found.append(file)
             continue
-        every = [file.with_name(file.name.replace(_ANY_UDIM, str(udim))) for udim in udims]
+        every = [file.with_name(file.name.replace(ANY_UDIM, str(udim))) for udim in udims]
         there = [one for one in every if one.is_file()]
         if not there:
             have = ", ".join(str(udim) for udim in udims)

@@ -16,6 +16,7 @@ from rhytid.cli.options import (
     add_unit,
     cache_clip,
     length_unit,
+    map_file,
     readable,
 )
 from rhytid.cli.parser import Commands, new_command
@@ -24,7 +25,6 @@ from rhytid.cli.scan_options import (
     add_scan_settings,
     checked_scan,
     refuse_without_scan,
-    scan_file,
 )
 from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings
@@ -58,7 +58,7 @@ def add_command(commands: Commands) -> None:
     picture = "write a picture of the mesh and its UV, with the problems coloured"
     add("--picture", type=Path, metavar="FILE.png", help=picture)
     scan = parser.add_argument_group("scanned displacement")
-    add_several(scan, "--scan", type=scan_file, metavar="MAP", help=SCAN_FILES)
+    add_several(scan, "--scan", type=map_file, metavar="MAP", help=SCAN_FILES)
     add_scan_settings(scan)
     add_json(parser)
     add_strict(parser)

@@ -12,6 +12,7 @@ from rhytid.cli.options import (
     add_strict,
     add_unit,
     length_unit,
+    map_file,
     prim_clip,
 )
 from rhytid.cli.parser import Commands, new_command
@@ -19,7 +20,6 @@ from rhytid.cli.scan_options import (
     SCAN_FILES,
     add_scan_settings,
     checked_scan,
-    scan_file,
 )
 from rhytid.cli.summaries import SUMMARIES
 from rhytid.errors import InputError
@@ -40,7 +40,7 @@ def add_command(commands: Commands) -> None:
     parser.description = SUMMARY + DETAILS
     add = parser.add_argument
     add_mesh(parser, "MESH", required=False)
-    add("maps", nargs="+", type=scan_file, metavar="MAP", help=SCAN_FILES)
+    add("maps", nargs="+", type=map_file, metavar="MAP", help=SCAN_FILES)
     add_scan_settings(parser)
     add_unit(parser, "MESH", "that of a USD file which names one, else cm")
     fine = parser.add_mutually_exclusive_group()

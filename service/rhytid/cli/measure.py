@@ -18,6 +18,7 @@ from rhytid.cli.options import (
     add_strict,
     add_unit,
     cache_clip,
+    map_file,
     positive,
     readable,
 )
@@ -26,7 +27,6 @@ from rhytid.cli.scan_options import (
     SCAN_FILES,
     add_scan_settings,
     refuse_without_scan,
-    scan_file,
 )
 from rhytid.cli.skin_options import add_settings, add_skin, refuse_without_effect, skin_request
 from rhytid.cli.summaries import SUMMARIES
@@ -66,7 +66,7 @@ def add_command(commands: Commands) -> None:
     size = "texels per side that skin is drawn with, a power of two"
     skin.add_argument("--resolution", type=int, metavar="R", default=RESOLUTION, help=size)
     scan = parser.add_argument_group("scanned displacement, in place of skin that is grown")
-    add_several(scan, "--scan", type=scan_file, metavar="MAP", help=SCAN_FILES)
+    add_several(scan, "--scan", type=map_file, metavar="MAP", help=SCAN_FILES)
     add_scan_settings(scan)
     add_caches(parser)
     add_unit(parser, "MESH")

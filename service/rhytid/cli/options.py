@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from rhytid.baking.frame_names import FrameRange, check_file_name
+from rhytid.baking.frame_names import ANY_UDIM, FrameRange, check_file_name
 from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.warnings import CODES
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS
@@ -54,6 +54,11 @@ def existing(text: str) -> Path:
     if not Path(text).exists():
         raise argparse.ArgumentTypeError(f"no such file or folder: {text}")
     return Path(text)
+
+
+def map_file(text: str) -> Path:
+    """The path of a map, which may have `<UDIM>` in its name."""
+    return Path(text) if ANY_UDIM in Path(text).name else readable(text)
 
 
 def port_number(text: str) -> int:
@@ -243,8 +248,8 @@ def add_force(parser: Arguments) -> None:
 
 def add_stiffness(parser: Arguments) -> None:
     """Add `--stiffness FILE ...`."""
-    stiffness = "grey PNG or EXR, one per UDIM, named ANY.<UDIM>.png: white moves, black is rigid"
-    add_several(parser, "--stiffness", type=readable, metavar="FILE", help=stiffness)
+    stiffness = "grey PNG or EXR by UDIM, or ANY.<UDIM>.png for all: white moves, black is rigid"
+    add_several(parser, "--stiffness", type=map_file, metavar="FILE", help=stiffness)
 
 
 def add_query(parser: Arguments) -> None:

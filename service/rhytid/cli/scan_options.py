@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.options import Arguments, add_several, existing, unit_name
+from rhytid.cli.options import Arguments, add_several, map_file, unit_name
 from rhytid.domain.scan import AUTO, FLIPS, ScanSettings
 from rhytid.errors import InputError
 
@@ -32,11 +32,6 @@ _OPTIONS = {
     "detail": "--detail",
     "fill": "--fill",
 }
-
-
-def scan_file(text: str) -> Path:
-    """The path of a map, which may have `<UDIM>` in its name."""
-    return Path(text) if "<UDIM>" in Path(text).name else existing(text)
 
 
 def midlevel(text: str) -> float | str:
@@ -93,10 +88,10 @@ def add_traced_settings(parser: Arguments) -> None:
     )
     parser.add_argument("--fill", type=float, metavar="W", help=fill)
     mask = (
-        "where the scan counts: grey images by UDIM, as they lie in the UV of the mesh (--flip "
-        "does not turn them); lines in what is black are not traced"
+        "where the scan counts: grey images by UDIM, or ANY.<UDIM>.png for all, as they lie in the "
+        "UV of the mesh (--flip does not turn them); lines in what is black are not traced"
     )
-    add_several(parser, "--scan-mask", type=existing, metavar="IMAGE", help=mask)
+    add_several(parser, "--scan-mask", type=map_file, metavar="IMAGE", help=mask)
 
 
 def refuse_without_scan(arguments: argparse.Namespace) -> None:
@@ -148,11 +143,11 @@ def checked_scan(
 def add_scan(group: Arguments) -> None:
     """Add the options of skin that is scanned."""
     scan = f"{SCAN_FILES}; its lines are traced and move, at rest it stays as it is"
-    add_several(group, "--scan", type=scan_file, metavar="MAP", help=scan)
+    add_several(group, "--scan", type=map_file, metavar="MAP", help=scan)
     add_scan_settings(group)
     add_traced_settings(group)
     residual = "what --graph does not draw of a scan, as `trace` writes it; added to every map"
-    add_several(group, "--residual", type=scan_file, metavar="FILE", help=residual)
+    add_several(group, "--residual", type=map_file, metavar="FILE", help=residual)
 
 
 def refuse_scan_conflicts(arguments: argparse.Namespace) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rhytid.baking.request import SkinRequest
-from rhytid.cli.options import add_several, existing, readable
+from rhytid.cli.options import add_several, existing, map_file, readable
 from rhytid.cli.parser import suggestion
 from rhytid.cli.scan_options import scan_settings
 from rhytid.domain.asset_settings import AssetSettings
@@ -54,7 +54,8 @@ def add_skin(command: argparse.ArgumentParser, *, graph: bool = False) -> argpar
     settings = f"a setting for the whole mesh: {', '.join([*_SETTINGS, *words])}"
     add_several(parser, "--set", type=_setting, metavar="NAME=VALUE", help=settings)
     maps = [name for name in CONTROLS if name not in REGION_MAPS]
-    painted = "grey PNG or EXR painted in UV, named ANY.<UDIM>.png; NAME: " + ", ".join(maps)
+    painted = "grey PNG or EXR painted in UV, by UDIM, or ANY.<UDIM>.png for all; NAME: "
+    painted += ", ".join(maps)
     add_several(parser, "--map", type=_named(maps), metavar="NAME=FILE", help=painted)
     mask = "grey PNG or EXR, white where skin is of that region: " + ", ".join(_MASKED)
     masked = _named(_MASKED, REGION_PREFIX)
@@ -200,7 +201,7 @@ def _named(names: Sequence[str], prefix: str = "") -> Any:
         name, equals, file = text.partition("=")
         if not (equals and file):
             raise argparse.ArgumentTypeError(f"{text!r}: write it as NAME=FILE")
-        return _one_of(names, name.removeprefix(prefix)), readable(file)
+        return _one_of(names, name.removeprefix(prefix)), map_file(file)
 
     return named
 

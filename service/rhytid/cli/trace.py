@@ -22,6 +22,7 @@ from rhytid.cli.options import (
     add_strict,
     add_unit,
     length_unit,
+    map_file,
     prim_clip,
 )
 from rhytid.cli.parser import Commands, new_command
@@ -30,7 +31,6 @@ from rhytid.cli.scan_options import (
     add_scan_settings,
     add_traced_settings,
     checked_scan,
-    scan_file,
 )
 from rhytid.cli.skin_options import add_settings, given_settings
 from rhytid.cli.summaries import SUMMARIES
@@ -65,7 +65,7 @@ def add_command(commands: Commands) -> None:
     parser.description = SUMMARY + DETAILS
     add = parser.add_argument
     add_mesh(parser, "MESH")
-    add("maps", nargs="+", type=scan_file, metavar="MAP", help=SCAN_FILES)
+    add("maps", nargs="+", type=map_file, metavar="MAP", help=SCAN_FILES)
     add("--out", type=Path, required=True, metavar="FOLDER", help="folder of the files")
     add_scan_settings(parser)
     add_traced_settings(parser)
