@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from exports.textures.reading import read_texture
 from exports.textures.test_texture_files import MESH, MOMENTS, SIDE, frame_map
 from rhytid.errors import QueryError
 from rhytid.exports.textures import Shine
+from rhytid.exports.textures.frame_map import FrameMap
 from rhytid.exports.textures.profiles import profiles_of
 from rhytid.exports.textures.shine import gloss, gltf_anisotropy, interpolated, mean_normals
 
@@ -121,6 +123,35 @@ def test_files_are_of_their_level(name: str, tmp_path: Path) -> None:
         "normal-gl": mean_normals(moments) / 2 + 0.5,
     }[name]
     np.testing.assert_allclose(values, wanted, atol=1e-5)
+
+
+def test_two_profiles_of_a_map_take_its_slopes_once(tmp_path: Path) -> None:
+    """Other settings, and other maps, have their own."""
+    asked: list[int] = []
+
+    def counted(map: FrameMap) -> FrameMap:
+        def slopes(level: int) -> tuple[np.ndarray, np.ndarray]:
+            asked.append(level)
+            return map.slopes(level)
+
+        return replace(map, slopes=slopes)
+
+    def written(name: str, map: FrameMap, shine: Shine) -> bytes:
+        [profile] = profiles_of([name], how=shine)
+        profile.write(tmp_path / name, map, profile.all_facts(map))
+        return (tmp_path / name).read_bytes()
+
+    names, shine, other = ("roughness", "anisotropy"), Shine(2, BASE), Shine(2, 0.2)
+    plain = frame_map(MESH, all_triangles(MESH, SIDE))
+    alone = [written(name, replace(plain), shine) for name in names]
+    map = counted(plain)
+    assert [written(name, map, shine) for name in names] == alone
+    assert asked == [2]
+    written("roughness", map, shine)
+    assert written("anisotropy", map, other) != alone[1]
+    assert asked == [2] * 3
+    written("anisotropy", counted(plain), other)
+    assert asked == [2] * 4
 
 
 def test_level_0_has_no_roughness() -> None:

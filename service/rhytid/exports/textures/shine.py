@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,10 @@ class Gloss:
     def roughness(self) -> Texels:
         """(…, 2) what shaders call roughness, of both axes."""
         return np.sqrt(self.alpha)
+
+
+# What the first of two profiles has left, by the map.
+_left: WeakKeyDictionary[FrameMap, tuple[Shine, Gloss, FrameMap]] = WeakKeyDictionary()
 
 
 def gloss(moments: Texels, roughness: float) -> Gloss:
@@ -141,9 +146,15 @@ def write_anisotropy(path: Path, map: FrameMap, facts: Facts, shine: Shine = USU
 
 
 def _gloss(map: FrameMap, shine: Shine) -> tuple[Gloss, FrameMap]:
-    """Roughness and axis of a texture, whose filter takes slopes from normals, and its map."""
+    """Roughness and axis of a texture, whose filter takes slopes from normals, and its map. Both
+    profiles need them: the first of a map leaves them to the other one, while the map is there."""
+    kept = _left.pop(map, None)
+    if kept is not None and kept[0] == shine:
+        return kept[1:]
     values, at = _padded(map, shine)
-    return gloss(interpolated(values), shine.roughness), at
+    found = gloss(interpolated(values), shine.roughness)
+    _left[map] = shine, found, at
+    return found, at
 
 
 def write_mean_normals(path: Path, map: FrameMap, facts: Facts, shine: Shine = USUAL) -> None:
