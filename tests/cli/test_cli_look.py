@@ -10,7 +10,8 @@ import pytest
 import trimesh
 from pxr import Usd
 
-from cli.running import usage_error
+from cli.running import usage_error, write_animation
+from meshes import SmallMesh
 from rhytid.cli import main
 from rhytid.exports.textures.writers import write_parts
 from rhytid.formats.exr_encoder import exr_parts
@@ -170,3 +171,46 @@ def test_a_glb_needs_maps_of_one_level(tmp_path: Path, capsys: pytest.CaptureFix
     assert figures["gltf"] == str(maps / "face.smile.glb")
     read = trimesh.load(figures["gltf"], process=False).to_geometry()
     assert read.visual.material.name == "skin.1001"
+
+
+@pytest.mark.parametrize("others", ["fewer", "joined", "ordered", "unknown"])
+def test_a_glb_of_another_mesh_is_refused(
+    tmp_path: Path, small_mesh: SmallMesh, others: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shot, out = write_animation(tmp_path / "shot.npz", small_mesh, 1), tmp_path / "maps"
+    profiles = ["float", "roughness", "anisotropy", "normal-gl", "--level", "1"]
+    small = ["--resolution", "256", "--wrinkles", "400", "--store", str(tmp_path / "store")]
+    bake = ["bake", "--mesh", str(shot), "--out", str(out), *small, "--profile", *profiles]
+    assert main(bake) == 0
+    capsys.readouterr()
+    assert main(["look", str(out), "--gltf", str(shot)]) == 0
+    capsys.readouterr()
+    glb, facts = out / "shot.0001.glb", out / "shot.roughness.json"
+    glb.unlink()
+
+    with np.load(shot) as arrays:
+        found = dict(arrays)
+    count, triangles = len(found["positions"]), len(found["faces"])
+    if others == "unknown":
+        old = {name: value for name, value in json.loads(facts.read_text()).items()
+               if name not in ("vertices", "triangles", "faces_sha256")}  # fmt: skip
+        facts.write_text(json.dumps(old))
+    found.pop("frames")
+    if others == "joined":
+        swapped = np.arange(count)
+        swapped[:2] = 1, 0
+        found["faces"] = swapped[found["faces"]]
+    elif others == "ordered":
+        found["faces"] = np.roll(found["faces"][::-1], 1, axis=1)
+        found["face_uv"] = np.roll(found["face_uv"][::-1], 1, axis=1)
+    else:
+        found["faces"], found["face_uv"] = found["faces"][:-1], found["face_uv"][:-1]
+    np.savez(tmp_path / "other.npz", **found)
+    ended = main(["look", str(out), "--gltf", str(tmp_path / "other.npz")])
+    told = capsys.readouterr().err
+    assert (ended, glb.exists()) == ((0, True) if others in ("ordered", "unknown") else (1, False))
+    if others == "fewer":
+        assert f"other.npz has {count} vertices and {triangles - 1} triangles, the mesh of" in told
+        assert f"{facts} has {count} vertices and {triangles} triangles: give a frame" in told
+    if others == "joined":
+        assert f"other.npz has {count} vertices and {triangles} triangles, as the mesh of" in told

@@ -23,13 +23,13 @@ from rhytid.baking.assets import finish
 from rhytid.baking.frame_names import FramePlace
 from rhytid.baking.frames import FrameFiles
 from rhytid.baking.map_sources import FrameSurface, Geometry, MapSources, Texels, once
-from rhytid.baking.output import BakeRecord, Output
+from rhytid.baking.output import BakeRecord, Output, mesh_facts
 from rhytid.baking.request import Lag
 from rhytid.baking.run_warnings import RunWarnings
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.engine.messages import AssetInfo, MapQuery
-from rhytid.exports.textures.frame_map import FrameMap
+from rhytid.exports.textures.frame_map import Facts, FrameMap
 from rhytid.exports.textures.profiles import Profile
 from rhytid.exports.textures.writers import write_parts
 from rhytid.support.console import Stopwatch, counted, detail
@@ -115,7 +115,7 @@ class Baker:
         found, drawn = [], {}
         for udim, plan in plans.items():
             map = self._sources.map(frame.surface, plan, once(partial(self._draw, plan)))
-            self.output.describe(map)
+            self.output.describe(map, self._mesh_facts)
             if due[udim]:
                 found.append(self._begin(frame, map, due[udim], held))
             if surface:  # else each map is let go after its UDIM
@@ -132,6 +132,10 @@ class Baker:
     @cached_property
     def _sources(self) -> MapSources:
         return MapSources(self.engine, self.asset, self.mesh, self.frames, self.lag)
+
+    @cached_property
+    def _mesh_facts(self) -> Facts:
+        return mesh_facts(self.mesh)
 
     def _map_bytes(self, due: Sequence[_DueMap]) -> int:
         """Bytes of a map until its files, one after another, are written. Those that are copied

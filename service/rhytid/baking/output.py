@@ -12,10 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rhytid.baking.frame_names import FramePlace, FrameRange
+from rhytid.domain.mesh import Mesh
 from rhytid.domain.wording import plural
 from rhytid.errors import StorageError
-from rhytid.exports.textures.frame_map import FrameMap
+from rhytid.exports.textures.frame_map import Facts, FrameMap
 from rhytid.exports.textures.profiles import PROFILES, Profile
 from rhytid.storage.manifest import StoredFile
 from rhytid.support.atomic_files import atomic_write, write_file
@@ -102,9 +105,9 @@ class Output:
             return True
         return not set(self.part.numbers).isdisjoint(other.numbers)
 
-    def describe(self, drawn: FrameMap) -> None:
+    def describe(self, drawn: FrameMap, mesh: Facts) -> None:
         """Write NAME.<PROFILE>.json, which readers of PNG files need, for each such profile. A file
-        that is up to date stays."""
+        that is up to date stays.  mesh: `mesh_facts`."""
         for profile in self.profiles:
             if profile.described:
                 facts = {
@@ -112,10 +115,21 @@ class Output:
                     "files": profile.pattern(self.name),
                     "unit": drawn.header.unit,
                     "asset": drawn.header.asset,
+                    **mesh,
                     "colour_space": "raw",
                     **file_attributes(),
                 }
                 _write_facts(self.folder / f"{self.name}.{profile.name}.json", facts)
+
+
+def mesh_facts(mesh: Mesh) -> Facts:
+    """What a mesh that maps are of is known by, in any frame and any order of its triangles."""
+    first = np.argmin(mesh.faces, axis=1)[:, None]
+    turned = np.take_along_axis(mesh.faces, (first + np.arange(3)) % 3, axis=1)
+    ordered = turned[np.lexsort(turned.T[::-1])]
+    digest = hashlib.sha256(np.ascontiguousarray(ordered, "<i4").tobytes()).hexdigest()
+    counts = {"vertices": len(mesh.positions), "triangles": len(mesh.faces)}
+    return {**counts, "faces_sha256": digest}
 
 
 def _write_facts(file: Path, facts: Mapping[str, str | int | float]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +17,7 @@ from rhytid.errors import InputError
 from rhytid.support.console import note, report, table
 
 if TYPE_CHECKING:
+    from rhytid.domain.mesh import Mesh
     from rhytid.exports.look import Look
 
 SUMMARY = SUMMARIES["look"]
@@ -153,7 +155,26 @@ def _gltf(arguments: argparse.Namespace, look: Look) -> bytes:
             for map in ("roughness", "anisotropy", "normal-gl")
         ]
         maps[udim] = ShineMaps(*_of_one_level(arguments.folder, names))
-    return write_shining_glb(mesh_file(arguments.gltf).mesh, maps)
+    mesh = mesh_file(arguments.gltf).mesh
+    _check_mesh(mesh, arguments.gltf, arguments.folder / f"{look.name}.roughness.json")
+    return write_shining_glb(mesh, maps)
+
+
+def _check_mesh(mesh: Mesh, file: Path, facts: Path) -> None:
+    """Raise InputError where maps are of another mesh, by the file that `bake` leaves beside them;
+    older ones have none, or say nothing of the mesh."""
+    from rhytid.baking.output import mesh_facts
+
+    told = json.loads(facts.read_text()) if facts.is_file() else {}
+    own, theirs = mesh_facts(mesh), {name: told.get(name) for name in mesh_facts(mesh)}
+    if own == theirs or None in theirs.values():
+        return
+    counts = [f"{of['vertices']} vertices and {of['triangles']} triangles" for of in (own, theirs)]
+    if counts[0] == counts[1]:
+        why = f"{file} has {counts[0]}, as the mesh of {facts}, but joins them otherwise"
+    else:
+        why = f"{file} has {counts[0]}, the mesh of {facts} has {counts[1]}"
+    raise InputError(f"{why}: give a frame of that mesh")
 
 
 def _of_one_level(folder: Path, names: Sequence[str]) -> list[bytes]:

@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from exports.textures.patches import all_triangles, curved, grid_mesh
 from exports.textures.reading import Texture, read_texture
-from rhytid.baking.output import BakeSize, Output
+from rhytid.baking.output import BakeSize, Output, mesh_facts
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError, QueryError
 from rhytid.exports.textures import COMPRESSIONS, PROFILE_NAMES, writers
@@ -213,12 +213,13 @@ def test_blood_is_in_the_middle_at_rest(drawn: FrameMap, tmp_path: Path) -> None
 
 def test_png_has_its_facts_in_a_file_beside_it(drawn: FrameMap, tmp_path: Path) -> None:
     output = Output(tmp_path, "face", profiles_of(["png16", "float", "normal-dx"]))
-    output.describe(drawn)
+    output.describe(drawn, mesh_facts(MESH))
 
     assert {file.name for file in tmp_path.iterdir()} == {"face.png16.json", "face.normal-dx.json"}
     told = json.loads((tmp_path / "face.png16.json").read_text())
     assert told["files"] == "face.png16.<UDIM>.<FRAME>.png"
     assert (told["scale"], told["midlevel"], told["unit"]) == (SCALE, 32768 / 65535, "cm")
+    assert (told["vertices"], told["triangles"]) == (len(MESH.positions), len(MESH.faces))
     assert json.loads((tmp_path / "face.normal-dx.json").read_text())["green"] == "down"
 
 
