@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from live.gated import TILE, GatedEngine
-from rhytid.api.live.drawing import LiveDrawing
+from rhytid.api.live.drawing import LiveDrawing, has_changed
 from rhytid.api.live.wire import LiveClosed, read_opening
 
 
@@ -50,3 +50,15 @@ def test_memory_for_shapes_is_held_before_they_are_read(
     with pytest.raises(LiveClosed, match="RHYTID_HOST_MEMORY_MB"):
         drawing_of(engine, asset, tiles=[TILE])
     assert (len(held), engine.memory.used) == (1, before)
+
+
+@pytest.mark.parametrize("side", [8, 64, 96])
+@pytest.mark.parametrize("row", [0, 3, 4, 7, 31, 32, 47, 48, 63, 95])
+def test_one_texel_makes_a_changed_tile(side: int, row: int) -> None:
+    before = np.full((side, side), 0.25, np.float32)
+    now = before.copy()
+    now[row % side, row % side] = 0.125
+    assert has_changed(before, now, 0.124)
+    assert has_changed(now, before, 0.124)
+    assert not has_changed(before, now, 0.125)
+    assert not has_changed(before, before.copy(), 0.0)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rhytid.errors import QueryError
 from rhytid.formats.exr import encode_exr
 from rhytid.formats.exr_encoder import exr_parts
+from rhytid.formats.half_floats import OVERFLOW, half_floats
 from rhytid.formats.png import encode_png
 from rhytid.formats.tile_header import TileHeader
 
@@ -84,25 +85,21 @@ def _npy(tile: Tile, header: TileHeader) -> bytes:
     return b"".join((head.getvalue(), texels.data))  # np.save would copy the texels three times
 
 
-# The first float32 that rounds to no half float.
-_HALF_OVERFLOWS = 65520.0
-
-
-def _half(tile: Tile) -> NDArray[np.float16]:
-    with np.errstate(over="ignore"):
-        half = tile.astype("<f2")
-    worst = float(np.abs(tile).max(initial=0.0))
-    if not worst < _HALF_OVERFLOWS:  # also where it is not a number
+def half_tile(tile: Tile) -> NDArray[np.float16]:
+    """A tile as half floats; raises QueryError where they cannot hold it."""
+    # Not of np.abs, which would write as much memory again.
+    worst = float(np.maximum(tile.max(initial=0.0), -tile.min(initial=0.0)))
+    if not worst < OVERFLOW:  # also where it is not a number
         raise QueryError(f"displacement {worst:g} does not fit half floats: use npy, exr or png")
-    return half
+    return half_floats(tile)
 
 
 def _f16(tile: Tile, header: TileHeader) -> bytes:
-    return _half(tile).tobytes()
+    return half_tile(tile).tobytes()
 
 
 def _exr16(tile: Tile, header: TileHeader) -> bytes:
-    return encode_exr(_half(tile), header)
+    return encode_exr(half_tile(tile), header)
 
 
 def _png(tile: Tile, header: TileHeader) -> bytes:

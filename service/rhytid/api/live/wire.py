@@ -16,7 +16,7 @@ from rhytid.domain.tiles import TileAddress
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import LimitError, QueryError, SettingsError
 from rhytid.formats.tile_header import TileHeader
-from rhytid.formats.tiles import encode, quantise
+from rhytid.formats.tiles import half_tile, quantise
 
 # The subprotocol: another version of the format has another name.
 PROTOCOL = "rhytid.live.1"
@@ -203,13 +203,14 @@ def tile_message(
         number, header.udim, header.level, header.row, header.column, len(tile), CODES[format], 0,
         min(dropped, _MOST_COUNT), scale,
     )  # fmt: skip
+    codes: NDArray[Any]
     if format == "f16":
-        codes = encode(tile, "f16", header).body
+        codes = half_tile(tile)
     elif format == "u16":
-        codes = quantise(tile, scale).astype("<u2", copy=False).tobytes()
+        codes = quantise(tile, scale).astype("<u2", copy=False)
     else:
-        codes = tile.astype("<f4", copy=False).tobytes()
-    return head + codes
+        codes = np.ascontiguousarray(tile, "<f4")
+    return b"".join((head, codes.data))
 
 
 def _read(kind: type[BaseModel], text: str, what: str) -> Any:
