@@ -27,6 +27,7 @@ GRAPHS = {
 SHAPES = {
     "bulges on both": {"wrinkle_bulge": 7.0, "pore_bulge": 4.0},
     "no bulge": {"wrinkle_bulge": 0.0},
+    "bulges of pores alone": {"wrinkle_bulge": 1.0, "pore_bulge": 4.0},
     "sixteen slots": {"slots": 16},
     "soft": {"sharpness": 2.0, "slots": 3},
     "largest bulges": {"wrinkle_bulge": 9.0, "pore_bulge": 9.0},

@@ -4,8 +4,7 @@
 // no bulges. PARTS: 1, valleys and bulges in one map, or 2, a map of each, for the mellow-max.
 // Error of a code at most half a step beyond that of draw.clh.
 #define DRAWINGS (STRETCHES + 2 * TILTED)
-#define APART (BULGING ? 2 * SUMS : SUMS)
-#define WHOLE (BULGING ? BOTH_PARTS : VALLEYS)
+#define APART SUMS_OF_BOTH
 #include "codes.clh"
 #include "line.clh"
 #include "stretches.clh"

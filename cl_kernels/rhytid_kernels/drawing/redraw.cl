@@ -12,7 +12,7 @@ inline void write_raised_rows(sums_t sums, place_t place, shape_t shape, float d
     for (int y = first_owned(sums, sums.low); y < sums.low + ROWS; y += ITEMS) {
         int at = place.at + y * place.above, row = at / width, column = at % width;
         for (int x = 0; x < BLOCK; x += LANES)
-            vstore8(depth * heights_at(sums, x, y, shape, BOTH_PARTS) +
+            vstore8(depth * heights_at(sums, x, y, shape, WHOLE) +
                         brought_up(coarse, side, column + x, row),
                     0, out + at + x);
     }
@@ -23,7 +23,7 @@ inline void write_raised_rows(sums_t sums, place_t place, shape_t shape, float d
 #else
 #define COARSE_MAP
 #define WRITE_ROWS(sums, place, shape, depth, out)                                                 \
-    write_rows(sums, place, shape, depth, BOTH_PARTS, out)
+    write_rows(sums, place, shape, depth, WHOLE, out)
 #endif
 
 // LINES, in texels of the UDIM, v up; sizes (half width, weight), see line.clh.
@@ -41,7 +41,7 @@ __kernel void redraw(LINES, __global const SIZES *wrinkle_scales,
                      __global const int *pore_members, float4 shape_values, float least,
                      float depth, int blocks, int row, int column, COARSE_MAP __global float *out)
 {
-    __local float memory[2 * SUMS];
+    __local float memory[SUMS_OF_BOTH];
     shape_t shape = shape_of(shape_values);
     place_t place = place_of_group(blocks, row, column);
     sums_t sums = sums_at(place, memory);

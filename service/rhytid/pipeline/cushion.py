@@ -106,7 +106,7 @@ def launch_cushion(
         group=(device.shape.lanes, 1),
         defines={
             "BLOCK": _BLOCK, "ROWS": rows, "ITEMS": device.shape.lanes,
-            "APRON": APRON, "COARSE_BLOCK": COARSE_BLOCK, "COARSER": factor,
+            "APRON": APRON, "COARSE_BLOCK": COARSE_BLOCK, "COARSER": factor, "BULGING": 0,
             "LEAST_HALF_WIDTH": f"{LEAST_HALF_WIDTH}f", "WIDENED": f"{WIDENED}f",
             **elements.line_defines, **elements.share_defines, **defines,
         },

@@ -229,11 +229,16 @@ def redrawing(
                 device, "redraw", "redraw", settings, elements, square,
                 *elements.line_arguments, scales.wrinkles, *_both(elements.wrinkle_lists),
                 elements.centres, elements.roots, scales.pores, *_both(elements.pore_lists),
-                into=(*coarse, out), defines=defines,
+                into=(*coarse, out), defines={**defines, "BULGING": int(_bulging(settings.shape))},
             )  # fmt: skip
         return out
 
     return draw
+
+
+def _bulging(shape: ShapeSettings) -> bool:
+    """Whether the profile of any element changes sign."""
+    return max(shape.wrinkle_bulge, shape.pore_bulge) > 1.0
 
 
 @contextmanager
