@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator
 from contextlib import closing
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +27,16 @@ HOW = {"scale": RANGE, "unit": "m"}
 SETTINGS = {"unit": "m", "resolution": SIDE, "tile_size": 64}
 
 
+@cache
 def relief() -> NDArray[np.float32]:
-    """Lines, pores and a swell, mesh units; white is never reached."""
+    """Lines, pores and a swell, mesh units; white is never reached. Not to be written to."""
     rng = np.random.default_rng(1)
     starts = rng.uniform(40, 216, (30, 2))
     lines = np.concatenate([starts, starts + rng.uniform(-25, 25, (30, 2))], axis=1)
     found = reference.relief_of_lines(SIDE, lines, 3.0, 0.003, 1.0)
-    return (found + 0.001 * np.sin(np.arange(SIDE) / 20.0)).astype(np.float32)
+    heights = (found + 0.001 * np.sin(np.arange(SIDE) / 20.0)).astype(np.float32)
+    heights.flags.writeable = False
+    return heights
 
 
 def image(heights: NDArray[np.floating[Any]], kind: str = "TIFF", dtype: Any = np.uint16) -> bytes:
@@ -83,7 +87,7 @@ def test_a_scan_becomes_skin_that_moves(client: Client, tmp_path: Path) -> None:
         client.bins(asset)
 
 
-NAN = relief()
+NAN = relief().copy()
 NAN[3, 5] = np.nan
 COLOURS = np.random.default_rng(1).integers(0, 255, (64, 64, 3)).astype(np.uint8)
 
