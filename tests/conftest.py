@@ -16,6 +16,7 @@ import pytest
 from hypothesis import settings
 
 import face_data
+from longest import LONGEST
 from meshes import SmallMesh, bumpy_grid
 from storage.backends import bucket, place, s3
 
@@ -24,19 +25,6 @@ if TYPE_CHECKING:
 
 # Here, so that the tests of all folders share one server that speaks S3.
 __all__ = ["bucket", "place", "s3"]
-
-
-# Files that take longest, first those of slow tests. A worker takes a file as a whole, and one that
-# is begun last keeps it busy when the others have nothing left to do.
-LONGEST = (
-    "test_fleet_serving", "test_openjd_run", "test_cli_interrupted", "test_engine_model",
-    "test_engine_face", "test_stage_stiffness", "test_shared_store", "test_fleet_mending",
-    "test_process_starts", "test_api_kept", "test_process_shared", "test_cli_shared_store",
-    "test_stage_cushion", "test_cli_trace", "test_format_scans", "test_decoding",
-    "test_engine_scanned", "test_engine_lengths", "test_engine_packages", "test_engine_store",
-    "test_engine_waves", "test_engine_local_copies", "test_engine_memory", "test_tracing_trace",
-    "test_package_scanned", "test_house_docker", "test_surface_patch",
-)  # fmt: skip
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

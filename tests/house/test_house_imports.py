@@ -12,6 +12,7 @@ from pkgutil import resolve_name
 import pytest
 
 from house.syntax import PACKAGES, ROOT, Import, imported_room, imports, room, sources, tree
+from longest import LONGEST
 
 # What each part of `rhytid` may import of `rhytid`, beside itself.
 _FACTS = {"errors", "domain", "support"}
@@ -189,3 +190,10 @@ def environment_readers(file: Path) -> list[str]:
         or (isinstance(node, ast.ImportFrom) and names & {alias.name for alias in node.names})
     ]
     return [f"{file.relative_to(ROOT)}:{line}" for line in found]
+
+
+def test_files_that_are_begun_first_are_there() -> None:
+    """A file that is split or renamed else goes to the end, unnoticed."""
+    there = {file.stem for file in (ROOT / "tests").rglob("test_*.py")}
+    assert set(LONGEST) <= there
+    assert len(LONGEST) == len(set(LONGEST))
