@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import rhytid_kernels
 from kernels.one_line import evaluate
+from rhytid.pipeline.stretch import TRIANGLES
 from rhytid.pipeline.vectors import VECTOR, VectorTriangles
 
 
@@ -41,3 +43,11 @@ def test_bits_become_lanes(device):
 def test_a_vector_is_as_wide_on_both_sides(device):
     once = {"i_": np.zeros(1, np.int32)}
     assert evaluate(device, "vectors", "WIDTH", once, np.int32)[0] == VECTOR
+
+
+@pytest.mark.parametrize(
+    ("program", "lanes"),
+    [("stretch", TRIANGLES), ("respond", VECTOR), ("ends", VECTOR), ("weights", VECTOR)],
+)
+def test_a_launch_counts_as_many_lanes_as_a_work_item_has(program, lanes):
+    assert f"#define LANES {lanes}\n" in rhytid_kernels.source(program)

@@ -19,7 +19,7 @@ from rhytid.pipeline.folding import Folding
 from rhytid.pipeline.uv_vertices import unit_jacobians
 
 # Of a work-item of stretch.cl.
-_TRIANGLES = 8
+TRIANGLES = 8
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,7 @@ class Tensor:
     ) -> None:
         """Fill `found` for the first `triangles`; the rest is unstretched."""
         self._device.launch(
-            "stretch", "stretch_tensor", (-(-found.count // _TRIANGLES),),
+            "stretch", "stretch_tensor", (-(-found.count // TRIANGLES),),
             frame, faces, self.rest, self._frame_to_uv,
             np.int32(triangles), np.int32(found.count), np.float32(limit.most),
             found.ratios, found.axes, found.logs,
