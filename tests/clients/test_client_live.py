@@ -24,7 +24,7 @@ from rhytid_client import (
     PlainClient,
     RequestError,
 )
-from rhytid_client.live.messages import read_answer, view_message
+from rhytid_client.live.messages import from_half, read_answer, view_message
 from rhytid_client.requests import Request
 
 TILES = [(1001, 0, 1, 2), (1001, 0, 0, 0)]
@@ -194,6 +194,14 @@ def test_what_cannot_be_asked_is_not() -> None:
 def test_messages_that_are_none_are_refused(message: Any) -> None:
     with pytest.raises(BadAnswer):
         read_answer(message, Request("WS", "/"))
+
+
+def test_half_floats_are_read_as_numpy_does() -> None:
+    every = np.arange(1 << 16, dtype=np.uint16).view(np.float16)
+    finite = every[np.isfinite(every)].reshape(-1, 2)  # ± 0 and numbers below the normal ones, too
+    found = from_half(finite)
+    assert (found.dtype, found.shape) == (np.float32, finite.shape)
+    assert (found.view(np.uint32) == finite.astype(np.float32).view(np.uint32)).all()
 
 
 def test_without_the_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
