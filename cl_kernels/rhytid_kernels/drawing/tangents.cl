@@ -266,9 +266,14 @@ INLINE void substituted(float16 of, float2 along, float2 aside, __global float *
     vstore3((float3)(c.s0, d.s1, d.s0), 4, out);
 }
 
+// From rises over texels to slopes along the axes of a triangle: PER_ALONG, ACROSS, LEAN.
+typedef struct {
+    float per_along, across, lean;
+} metric_t;
+
 // The turn of a triangle as slopes.cl has it, after its angle in 15 places, and whether it is close to the exact
 // one in 16 others. table: FITTED of pipeline/tangents.py.
-INLINE bool fit(corners_t n, corners_t t, float3 a, __global const float *uv,
+INLINE bool fit(corners_t n, corners_t t, float3 a, metric_t m, __global const float *uv,
                 __global const float *table, __global float *out)
 {
     turn_t at = turn_at(n, t, a, uv[SIDE], shares(table));
@@ -279,10 +284,10 @@ INLINE bool fit(corners_t n, corners_t t, float3 a, __global const float *uv,
         sum = fma((float16)angle[k], vload16(6 + k, table), sum);
     substituted(sum, (float2)(uv[3], -uv[2]) * uv[INVERSE], (float2)(-uv[1], uv[0]) * uv[INVERSE],
                 out + POLYNOMIAL);
-    out[AXES] = out[PER_ALONG] * (at.c.sf - at.s.sf * out[LEAN]);
-    out[AXES + 1] = out[PER_ALONG] * at.s.sf * out[ACROSS];
-    out[AXES + 2] = -out[PER_ALONG] * fma(at.c.sf, out[LEAN], at.s.sf);
-    out[AXES + 3] = out[PER_ALONG] * at.c.sf * out[ACROSS];
+    out[AXES] = m.per_along * (at.c.sf - at.s.sf * m.lean);
+    out[AXES + 1] = m.per_along * at.s.sf * m.across;
+    out[AXES + 2] = -m.per_along * fma(at.c.sf, m.lean, at.s.sf);
+    out[AXES + 3] = m.per_along * at.c.sf * m.across;
     shares_t w = shares(table + 48);
     turn_t wanted = turn_at(n, t, a, uv[SIDE], w);
     float16 x = fma(w.b - 1.0f / 3, (float16)uv[0], (w.c - 1.0f / 3) * uv[2]);
@@ -296,8 +301,12 @@ INLINE bool fit(corners_t n, corners_t t, float3 a, __global const float *uv,
 }
 
 // Terms of the exact turn.
-inline void exact(corners_t n, corners_t t, float3 a, __global const float *uv, __global float *out)
+inline void exact(corners_t n, corners_t t, float3 a, metric_t m, __global const float *uv,
+                  __global float *out)
 {
+    out[PER_ALONG] = m.per_along;
+    out[ACROSS] = m.across;
+    out[LEAN] = m.lean;
     field_t normal = field(n, uv), tangent = field(t, uv);
     field_t turned = {cross(a, tangent.at), cross(a, tangent.x), cross(a, tangent.y)};
     scalar_product(a, tangent, out + ALONG_T);
@@ -323,15 +332,13 @@ __kernel void terms(__global const float *positions, __global const int *faces,
     float dv = du > 0 ? sqrt(dot(c, c)) * fabs(uv[INVERSE]) / du : 0; // |dP/du x dP/dv| over |dP/du|
     float lean = dot(rise_y(e, f, uv), a) * uv[INVERSE];
     bool flat = !(du > 0 && dv > 0); // without an area in space it is taken as flat
-    out[PER_ALONG] = flat ? 0 : 0.5f / du;
-    out[ACROSS] = flat ? 0 : du / dv;
-    out[LEAN] = flat ? 0 : lean / dv;
+    metric_t m = {flat ? 0 : 0.5f / du, flat ? 0 : du / dv, flat ? 0 : lean / dv};
     out[FROM_X] = uv[MIDDLE];
     out[FROM_Y] = uv[MIDDLE + 1];
     out[CENTROID_X] = (uv[0] + uv[2]) / 3 - uv[OFFSET];
     out[CENTROID_Y] = (uv[1] + uv[3]) / 3 - uv[OFFSET + 1];
     corners_t n = corners_at(normals, places, i), t = corners_at(tangents, vertices, i);
-    out[FITS] = fit(n, t, a, uv, table, out);
+    out[FITS] = fit(n, t, a, m, uv, table, out);
     if (out[FITS] == 0)
-        exact(n, t, a, uv, out);
+        exact(n, t, a, m, uv, out);
 }

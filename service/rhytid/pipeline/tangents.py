@@ -16,7 +16,7 @@ from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
 
 # Floats of a triangle, TERMS of slope_terms.clh.
-TERMS = 52
+TERMS = 32
 Corners = NDArray[np.int64]
 
 

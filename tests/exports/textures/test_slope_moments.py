@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 SIDE = 128
 # The flag of a triangle, in slope_terms.clh.
-FITS = 23
+FITS = 31
 # Float32 beside double: slopes of this relief reach 1.
 CLOSE = 1e-5
 
