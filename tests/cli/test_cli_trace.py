@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -293,20 +294,28 @@ def test_what_is_of_another_mesh_or_scan_is_told_before_anything_is_built(
     assert "scan-depth: residual, UDIM 1001: 95 % of it is 48 mm deep" in capsys.readouterr().err
 
 
+@cache
 def inside(mesh: Path) -> NDArray[np.bool_]:
     """(SIDE, SIDE) whether the middle of a texel lies in a triangle."""
     with np.load(mesh) as arrays:
         read = Mesh(*(arrays[name] for name in ("positions", "faces", "uv", "face_uv")))
-    edges = local_edges(read, 1001)
     x, y = np.meshgrid(np.arange(SIDE) + 0.5, SIDE - 0.5 - np.arange(SIDE))
     found = np.zeros((SIDE, SIDE), bool)
-    for number in range(len(read.faces)):
-        first, b, c = edges[number] * SIDE
+    for first, b, c in local_edges(read, 1001) * SIDE:
+        near = texels_around(first + np.array([np.zeros(2), b, c]))
         area = b[0] * c[1] - b[1] * c[0]
-        u = ((x - first[0]) * c[1] - (y - first[1]) * c[0]) / area
-        v = ((y - first[1]) * b[0] - (x - first[0]) * b[1]) / area
-        found |= (u >= 0) & (v >= 0) & (u + v <= 1)
+        u = ((x[near] - first[0]) * c[1] - (y[near] - first[1]) * c[0]) / area
+        v = ((y[near] - first[1]) * b[0] - (x[near] - first[0]) * b[1]) / area
+        found[near] |= (u >= 0) & (v >= 0) & (u + v <= 1)
     return found
+
+
+def texels_around(corners: NDArray[np.float64]) -> tuple[slice, slice]:
+    """The rows and columns of the box of a triangle, and one more on each side."""
+    (left, low), (right, high) = corners.min(axis=0), corners.max(axis=0)
+    spans = (SIDE - high, SIDE - low), (left, right)
+    rows, columns = (slice(max(int(a) - 1, 0), int(b) + 2) for a, b in spans)
+    return rows, columns
 
 
 def test_lengths_are_printed_in_millimetres(
