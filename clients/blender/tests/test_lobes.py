@@ -198,3 +198,13 @@ def test_skin_without_relief_has_its_own_roughness(
     names = ["Roughness", "Anisotropic", "Anisotropic Rotation"]
     found = rendered(sheet, node, names, tmp_path)[:2]
     assert found == pytest.approx([BASE, 0.0], abs=1e-4)
+
+
+def test_it_can_be_undone(sheet: bpy.types.Object) -> None:
+    before, groups = facts(sheet.active_material.node_tree), len(bpy.data.node_groups)
+    bpy.ops.ed.undo_push(message="before")
+    shines(sheet, map_of(ALONG, ACROSS, ANGLE))
+    bpy.ops.ed.undo_push(message="shine")
+    assert bpy.ops.ed.undo() == {"FINISHED"}
+    assert differing(facts(bpy.data.materials["Skin"].node_tree), before) == []
+    assert len(bpy.data.node_groups) == groups
