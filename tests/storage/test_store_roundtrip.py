@@ -195,7 +195,7 @@ def test_second_holder_is_refused(folder: Path, store: AssetStore) -> None:
 
 
 def test_second_process_is_refused(folder: Path, store: AssetStore) -> None:
-    text = "import sys, pathlib, rhytid.storage as s; s.AssetStore(pathlib.Path(sys.argv[1]))"
+    text = "import sys, pathlib, rhytid.storage.store as s; s.AssetStore(pathlib.Path(sys.argv[1]))"
     child = subprocess.run(
         [sys.executable, "-c", text, str(folder)], capture_output=True, text=True, check=False
     )
