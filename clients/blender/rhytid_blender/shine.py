@@ -124,18 +124,21 @@ def _take(tree: Any, source: Any, target: Any) -> None:
 
 
 def _give_back(tree: Any, node: Any) -> None:
-    """Give the shader of a group node the links and values that it had."""
+    """Give shaders of a group node the links and values that they had; what was linked or set in
+    place of ours since then stays."""
     links = [link for socket in node.outputs for link in socket.links]
-    shader = next((at.to_node for at in links if at.to_node.type == "BSDF_PRINCIPLED"), None)
-    if shader is None:
-        return
-    for name in _REPLACED:
-        held = node.inputs.get(_BEFORE.format(name)) or node.inputs.get(name)
-        if held is None:
-            continue
-        for link in list(shader.inputs[name].links):
-            tree.links.remove(link)
-        _take(tree, held, shader.inputs[name])
+    shaders = {at.to_node.name: at.to_node for at in links if at.to_node.type == "BSDF_PRINCIPLED"}
+    for shader in shaders.values():
+        for name in _REPLACED:
+            held = node.inputs.get(_BEFORE.format(name)) or node.inputs.get(name)
+            target = shader.inputs[name]
+            if held is not None and _is_ours(target):
+                tree.links.remove(target.links[0])
+                _take(tree, held, target)
+
+
+def _is_ours(socket: Any) -> bool:
+    return socket.is_linked and socket.links[0].from_node.name.startswith(SHINE)
 
 
 def _lobe(tree: Any, shader: Any, node: Any, tangent: Any) -> None:

@@ -148,6 +148,36 @@ def test_what_a_material_had_still_counts(sheet: bpy.types.Object) -> None:
     assert shader.inputs["Specular IOR Level"].default_value == 0.25
 
 
+@pytest.mark.parametrize("lobes", [False, True])
+def test_what_was_linked_and_set_since_stays(sheet: bpy.types.Object, lobes: bool) -> None:
+    tree, shader = sheet.active_material.node_tree, shader_of(sheet)
+    shines(sheet, map_of(ALONG, ACROSS, ANGLE), lobes)
+    painted = tree.nodes.new("ShaderNodeValue")
+    tree.links.new(painted.outputs[0], shader.inputs["Roughness"])
+    tree.links.remove(shader.inputs["Anisotropic"].links[0])
+    shader.inputs["Anisotropic"].default_value = 0.7
+    before = facts(tree)
+    dull(sheet)
+    assert shader.inputs["Roughness"].links[0].from_node == painted
+    assert not shader.inputs["Anisotropic"].is_linked
+    assert shader.inputs["Anisotropic"].default_value == pytest.approx(0.7)
+    assert not shader.inputs["Tangent"].is_linked
+    assert {name for name in before[0] if not name.startswith("rhytid shine")} == facts(tree)[0]
+
+
+def test_a_shader_that_was_copied_is_given_back_too(sheet: bpy.types.Object) -> None:
+    tree, shader = sheet.active_material.node_tree, shader_of(sheet)
+    node = shines(sheet, map_of(ALONG, ACROSS, ANGLE), lobes=False)
+    value = node.inputs["Roughness before"].links[0].from_node
+    copy = tree.nodes.new("ShaderNodeBsdfPrincipled")
+    for name in ("Roughness", "Anisotropic"):
+        tree.links.new(node.outputs[name], copy.inputs[name])
+    dull(sheet)
+    for one in (shader, copy):
+        assert one.inputs["Roughness"].links[0].from_node == value
+        assert not one.inputs["Anisotropic"].is_linked
+
+
 @pytest.mark.parametrize("name", ["Metallic", "Transmission Weight"])
 def test_metal_and_glass_have_one_lobe(sheet: bpy.types.Object, name: str) -> None:
     shader = shader_of(sheet)
