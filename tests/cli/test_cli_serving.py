@@ -56,6 +56,17 @@ def test_serve_tells_its_address_and_ends_when_told(
     assert [one for one in (tmp_path / "tmp").iterdir() if one.name.startswith("rhytid")] == []
 
 
+@pytest.mark.parametrize("option", [("--stiffness", ""), ("--map", "turn=")])
+def test_demo_names_maps_that_are_not_there_before_it_begins(
+    tmp_path: Path, option: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    name, start = option
+    given = ["demo", "--out", str(tmp_path / "demo"), name, f"{start}{tmp_path / 'm.<UDIM>.png'}"]
+    assert main(given) == 1
+    assert "there is no such file for any UDIM of the mesh, 1001" in capsys.readouterr().err
+    assert not (tmp_path / "demo").exists()
+
+
 @pytest.mark.slow
 def test_demo_makes_maps_sheets_and_times(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -68,7 +79,10 @@ def test_demo_makes_maps_sheets_and_times(
     out = tmp_path / "demo"
 
     query = ["--stretch", "uv", "--sampling", "smooth"]
+    Image.new("L", (4, 4), 128).save(tmp_path / "even.1001.png")
+    even = str(tmp_path / "even.<UDIM>.png")
     given = ["demo", "--mesh", str(tmp_path / "face.npz"), "--out", str(out)]
+    given += ["--stiffness", even, "--map", f"turn={even}"]
     assert main([*given, "--resolution", "256", "--wrinkles", "500", "--json", *query]) == 0
 
     figures = json.loads(capsys.readouterr().out)

@@ -133,10 +133,10 @@ def residual_files(files: Sequence[Path], mesh: Mesh) -> Residual:
 
 
 def _images(files: Sequence[Path], udims: Sequence[int]) -> list[tuple[str, bytes]]:
-    return [(str(file), file.read_bytes()) for file in _every_udim(files, udims)]
+    return [(str(file), file.read_bytes()) for file in every_udim(files, udims)]
 
 
-def _every_udim(files: Sequence[Path], udims: Sequence[int]) -> list[Path]:
+def every_udim(files: Sequence[Path], udims: Sequence[int]) -> list[Path]:
     """The files, with those of every UDIM that are there for each with `<UDIM>` in its name."""
     found: list[Path] = []
     for file in files:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings, simplefilter
@@ -27,6 +28,8 @@ from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.skin_options import add_skin, skin_controls, skin_maps, skin_settings
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import USUAL_UNIT, millimetres
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.tiles import mesh_udims
 from rhytid.support.console import report, table, write_json
 from rhytid.support.temporary_folders import temporary_folder
 from rhytid_lab.commands import SUMMARIES, check_client
@@ -101,7 +104,7 @@ def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
     warned.notes(face.notes)
     name = arguments.mesh.name if arguments.mesh else "face.npz"
     warned.inputs(face.mesh, name, arguments.unit or USUAL_UNIT, arguments.resolution, face.frames)
-    skin_controls(arguments, face.mesh)  # what is wrong with them is said before long work
+    maps = _painted_maps(arguments, face.mesh)
     out: Path = arguments.out
     make_folder(out)
     if arguments.mesh is None:
@@ -112,13 +115,25 @@ def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
             simplefilter("ignore", RhytidWarning)  # the command prints them itself
             query: Query = {"stretch": arguments.stretch, "sampling": arguments.sampling}
             session = Session(client, face, out, query, warned)
-            session.build(_settings(arguments), arguments.stiffness, skin_maps(arguments))
+            session.build(_settings(arguments), *maps)
             session.send_frames()
             session.draw()
             sheets = write_sheets(session, millimetres(arguments.unit or USUAL_UNIT) or 1.0)
             figures = {**session.figures(), "key_frames": sheets, **warned.all_figures()}
     write_json(figures, out / FIGURES)
     report(figures, _text(figures, session), arguments.json)
+
+
+def _painted_maps(
+    arguments: argparse.Namespace, mesh: Mesh
+) -> tuple[Sequence[Path], Mapping[str, Sequence[Path]]]:
+    """Files of stiffness, and of maps that guide synthesis by the name of the control."""
+    from rhytid.baking.input_files import every_udim
+
+    skin_controls(arguments, mesh)  # what is wrong with them is said before long work
+    udims = mesh_udims(mesh)
+    controls = {name: every_udim(files, udims) for name, files in skin_maps(arguments).items()}
+    return every_udim(arguments.stiffness, udims), controls
 
 
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
