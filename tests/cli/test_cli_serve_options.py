@@ -52,7 +52,7 @@ def test_several_devices_are_in_processes_of_their_own(
 def test_options_of_a_fleet_go_together(
     options: tuple[str, ...], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["serve", "--store", str(tmp_path / "store"), *options]) == 1
+    assert main(["serve", "--port", "0", "--store", str(tmp_path / "store"), *options]) == 1
     assert told in capsys.readouterr().err
     assert not (tmp_path / "store").exists()
 
@@ -62,7 +62,7 @@ def test_a_fleet_without_ray_names_the_extra(
 ) -> None:
     monkeypatch.delitem(sys.modules, "rhytid.fleet.app", raising=False)
     monkeypatch.setitem(sys.modules, "ray", None)
-    assert main(["serve", "--store", str(tmp_path / "store"), "--ray"]) == 1
+    assert main(["serve", "--port", "0", "--store", str(tmp_path / "store"), "--ray"]) == 1
     said = capsys.readouterr().err
     assert (
         "--ray needs the extra ray, and ray is missing; in a clone of rhytid: pip install '.[ray]'"
