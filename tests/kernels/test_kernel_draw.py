@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from kernels.one_line import evaluate, run
-from reference.drawing import Pores, Wrinkles, crop, meet, mellow_max, segment_distance
+from reference.drawing import (
+    Pores,
+    Wrinkles,
+    at_least,
+    crop,
+    meet,
+    mellow_max,
+    segment_distance,
+)
 from reference.inputs import Shape
 
 BLOCK, LANES = 64, 8
@@ -242,3 +250,30 @@ def test_mellow_max_of_one_height_is_that_height(device, shape):
     for q, v, sign in ((sums, none, 1), (none, sums, -1)):
         found = evaluate(device, "draw", call, {"q": q, "v": v}, width=LANES, options=options(1))
         np.testing.assert_allclose(found.ravel(), sign * alone, atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("least", [0.7, 4.0])
+def test_a_pore_is_widened_as_in_double(device, least):
+    """Round ones, ones along the axes and slim ones across them, narrower than the least or not."""
+    along, across, turn = np.meshgrid(
+        np.geomspace(0.05, 50.0, 7), [1.0, 0.999, 0.5, 0.02], np.radians([0, 45, 70, 90, 160])
+    )
+    first, second = along.ravel() ** -2.0, (along * across).ravel() ** -2.0
+    c, s = np.cos(turn.ravel()), np.sin(turn.ravel())
+    metrics = np.stack(
+        [first * c * c + second * s * s, (first - second) * c * s, first * s * s + second * c * c],
+        1,
+    )
+    given = roots(np.column_stack([metrics, np.full(len(metrics), 0.8)]))
+    inputs = {"root": given, "least": np.full(len(given), least, np.float32)}
+    found = evaluate(
+        device, "least_pore", "at_least_pore(root.xyz, root.w, least)", inputs, width=4
+    ).astype(np.float64)
+    xx, xy, yy = given[:, :3].astype(np.float64).T
+    given_metrics = np.stack([xx * xx, xx * xy, xy * xy + yy * yy], 1)
+    wanted, strength = at_least(Pores(None, given_metrics, given[:, 3].astype(float), least))
+    x, y, z, w = found.T
+    made = np.stack([x * x, x * y, y * y + z * z], 1)
+    sizes = np.trace(wanted[:, [0, 1, 1, 2]].reshape(-1, 2, 2), axis1=1, axis2=2)
+    np.testing.assert_array_less(np.abs(made - wanted).max(axis=1) / sizes, 1e-6)
+    np.testing.assert_allclose(w, strength, rtol=4e-6)
