@@ -172,6 +172,11 @@ def test_a_glb_needs_maps_of_one_level(tmp_path: Path, capsys: pytest.CaptureFix
     read = trimesh.load(figures["gltf"], process=False).to_geometry()
     assert read.visual.material.name == "skin.1001"
 
+    for damaged in (b"{", b"\xff", b"3", b"[1]"):
+        (maps / "face.roughness.json").write_bytes(damaged)
+        assert main(command) == 1
+        assert "face.roughness.json is damaged: bake again" in capsys.readouterr().err
+
 
 @pytest.mark.parametrize("others", ["fewer", "joined", "ordered", "unknown"])
 def test_a_glb_of_another_mesh_is_refused(

@@ -7,7 +7,7 @@ import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rhytid.cli.options import add_fps, add_json, add_unit, base_name, readable
 from rhytid.cli.parser import Commands, new_command
@@ -165,7 +165,7 @@ def _check_mesh(mesh: Mesh, file: Path, facts: Path) -> None:
     older ones have none, or say nothing of the mesh."""
     from rhytid.baking.output import mesh_facts
 
-    told = json.loads(facts.read_text()) if facts.is_file() else {}
+    told = _told(facts) if facts.is_file() else {}
     own, theirs = mesh_facts(mesh), {name: told.get(name) for name in mesh_facts(mesh)}
     if own == theirs or None in theirs.values():
         return
@@ -175,6 +175,13 @@ def _check_mesh(mesh: Mesh, file: Path, facts: Path) -> None:
     else:
         why = f"{file} has {counts[0]}, the mesh of {facts} has {counts[1]}"
     raise InputError(f"{why}: give a frame of that mesh")
+
+
+def _told(facts: Path) -> dict[str, Any]:
+    try:
+        return dict(json.loads(facts.read_bytes()))
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{facts} is damaged: bake again, or remove it") from error
 
 
 def _of_one_level(folder: Path, names: Sequence[str]) -> list[bytes]:
