@@ -355,6 +355,7 @@ FOR_JOB = (["--progress", "openjd"], ["--progress=openjd"])
     ("arguments", "reason"),
     [
         (["bake", "--mesh", "no-such.obj", "--out", "x"], "no such file: no-such.obj"),
+        (["bake", "--mesh", "", "--out", "x"], "a name of no characters: name a file"),
         (["bake", "--mesh", __file__, "--out", "x", "--chunk", "3"], "--chunk says how many"),
         (["restore", "no-such.tar"], "no such file: no-such.tar"),
         (["restore", __file__, "--nothing"], "unrecognized arguments: --nothing"),

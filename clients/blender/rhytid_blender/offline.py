@@ -31,6 +31,9 @@ def opened(obj: bpy.types.Object, maps: MapSequence, start: int | None = None) -
     nodes.set_up(obj)
     given.shine_pattern = ""
     shine.disconnect(obj)
+    # What was wrong with what the object showed before is no more.
+    status = state.status(obj)
+    status.text, status.failed = "", False
     if maps.tiled:
         _show(obj, scene_of(bpy.context).frame_current)
     else:

@@ -176,6 +176,22 @@ def test_the_panel_tells_of_shine_that_is_missing(one: bpy.types.Object, tmp_pat
     assert not status(obj).failed
 
 
+def test_maps_that_are_opened_end_the_trouble_of_those_before(
+    one: bpy.types.Object, blender: bpy.types.Scene, tmp_path: Path
+) -> None:
+    blender.frame_end = 1
+    one.rhytid.folder = str(tmp_path / "maps")
+    assert bpy.ops.rhytid.bake() == {"FINISHED"}
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    (tmp_path / "maps").rename(tmp_path / "elsewhere")
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    obj = bpy.data.objects["Sheet"]
+    assert status(obj).failed
+    bpy.context.view_layer.objects.active = obj
+    assert bpy.ops.rhytid.open(directory=str(tmp_path / "elsewhere")) == {"FINISHED"}
+    assert (status(obj).text, status(obj).failed) == ("", False)
+
+
 def test_from_baked_frames_to_live_ones(
     one: bpy.types.Object, blender: bpy.types.Scene, service: str, tmp_path: Path
 ) -> None:

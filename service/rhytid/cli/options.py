@@ -37,6 +37,8 @@ FRAME_FILES = "npy, OBJ, npz with 'frames', USD, animated glTF or GLB, MDD or PC
 
 def readable(text: str) -> Path:
     """The path of an existing file."""
+    if not text:
+        raise argparse.ArgumentTypeError("a name of no characters: name a file")
     path = Path(text)
     if path.is_dir():
         raise argparse.ArgumentTypeError(f"{text} is a folder: name a file in it")

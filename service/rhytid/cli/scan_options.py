@@ -23,12 +23,13 @@ SCAN_FILES = (
     "face.1001.exr, or face.<UDIM>.exr for all"
 )
 # Settings of a scan in messages, and the options that set them.
-_SETTING = re.compile(r"(?<!\S)scan\.(scale|midlevel|unit|flip|detail|fill)\b")
+_SETTING = re.compile(r"(?<!\S)scan\.(scale|midlevel|unit|flip|partial|detail|fill)\b")
 _OPTIONS = {
     "scale": "--scale",
     "midlevel": "--midlevel",
     "unit": "--scan-unit",
     "flip": "--flip",
+    "partial": "--partial",
     "detail": "--detail",
     "fill": "--fill",
 }

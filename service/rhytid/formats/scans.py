@@ -64,7 +64,7 @@ def read_scan(
     lacking = [udim for udim in udims if udim not in places.values()]
     if lacking and not partial:
         have = ", ".join(str(udim) for udim in lacking)
-        raise InputError(f"no map of UDIM {have}, which the mesh has; say so where that is meant")
+        raise InputError(f"no map of UDIM {have}, which the mesh has; scan.partial allows it")
     _check_total([(name, read_header(data, name)) for name, data in files])
     maps: dict[int, ScanMap] = {}
     for name, data in files:
