@@ -8,6 +8,7 @@ import re
 import sys
 import time
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -58,6 +59,14 @@ def test_bars_are_silent_without_a_terminal(capsys: pytest.CaptureFixture[str]) 
         show(0.5, "half")
     assert list(counted([1, 2], "things", "thing")) == [1, 2]
     assert capsys.readouterr() == ("", "")
+
+
+def test_a_note_is_printed_while_another_thread_imports_bars(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "tqdm", ModuleType("tqdm"))  # nothing is in it yet
+    note("a note")
+    assert capsys.readouterr() == ("", "a note\n")
 
 
 def test_without_a_terminal_long_work_tells_lines(

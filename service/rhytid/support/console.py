@@ -73,11 +73,12 @@ def note(line: str) -> None:
 
 def print_above(line: str) -> None:
     """Print a line on stderr, above a progress bar if there is one."""
-    bars = sys.modules.get("tqdm")  # imported by the first bar
-    if bars is None:
+    # Imported by the first bar; another thread may be about it.
+    bar = getattr(sys.modules.get("tqdm"), "tqdm", None)
+    if bar is None:
         print(line, file=sys.stderr)
     else:
-        bars.tqdm.write(line, file=sys.stderr)
+        bar.write(line, file=sys.stderr)
 
 
 def detail(line: str) -> None:
