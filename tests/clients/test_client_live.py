@@ -24,7 +24,12 @@ from rhytid_client import (
     PlainClient,
     RequestError,
 )
-from rhytid_client.live.messages import from_half, read_answer, view_message
+from rhytid_client.live.messages import (
+    from_half,
+    read_answer,
+    view_message,
+    weights_message,
+)
 from rhytid_client.requests import Request
 
 TILES = [(1001, 0, 1, 2), (1001, 0, 0, 0)]
@@ -202,6 +207,16 @@ def test_half_floats_are_read_as_numpy_does() -> None:
     found = from_half(finite)
     assert (found.dtype, found.shape) == (np.float32, finite.shape)
     assert (found.view(np.uint32) == finite.astype(np.float32).view(np.uint32)).all()
+
+
+@pytest.mark.parametrize(
+    ("shapes", "told"), [(("smile", "jawOpen"), "smile, jawOpen"), ((), "the asset has none")]
+)
+def test_a_shape_that_is_not_known_is_told_with_those_that_are(
+    shapes: tuple[str, ...], told: str
+) -> None:
+    with pytest.raises(ValueError, match=f"'jawopen' is none of the shapes .*: {told}$"):
+        weights_message(1, {"jawopen": 1.0}, shapes)
 
 
 def test_without_the_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

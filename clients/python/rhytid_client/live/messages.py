@@ -128,7 +128,11 @@ def weights_message(
     if isinstance(weights, Mapping):
         strange = [name for name in weights if name not in shapes]
         if strange:
-            raise ValueError(f"{strange[0]!r} is none of the shapes of this connection")
+            known = ", ".join(shapes[:8]) + (", …" if len(shapes) > 8 else "")
+            raise ValueError(
+                f"{strange[0]!r} is none of the shapes of this connection: "
+                f"{known or 'the asset has none'}"
+            )
         weights = [weights.get(name, 0.0) for name in shapes]
     array = np.ascontiguousarray(weights, "<f4")
     if array.shape != (len(shapes),):
