@@ -6,6 +6,7 @@ import json
 import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -23,9 +24,6 @@ _POSITIONS, _WEIGHTS = 1, 2
 _TILE = struct.Struct("<QIIIIIHHIf")
 _CODES: dict[int, np.dtype[Any]] = {1: np.dtype("<f4"), 2: np.dtype("<f2"), 3: np.dtype("<u2")}
 _F16, _U16 = 2, 3
-# Bits of a float32 that has the sign, the exponent and the mantissa of a half float, 0x8FFFE000,
-# and how many times it is smaller.
-_HALF, _SMALLER = np.int32(-0x70002000), np.float32(2.0**112)
 # udim, level, row, column
 Address = tuple[int, int, int, int]
 
@@ -179,16 +177,16 @@ def _tile(message: bytes) -> LiveTile:
 
 
 def from_half(values: NDArray[np.float16]) -> NDArray[np.float32]:
-    """The same numbers as float32, a few times faster than numpy converts them. Not infinite ones,
-    which no tile has."""
-    bits = values.view("<i2").astype(np.int32)
-    # Sign, exponent and mantissa go to their places, and the exponent is too small by a number:
-    # a product makes up for that, also where a half float is below its normal numbers.
-    np.left_shift(bits, 13, out=bits)
-    np.bitwise_and(bits, _HALF, out=bits)
-    found = bits.view(np.float32)
-    np.multiply(found, _SMALLER, out=found)
-    return found
+    """The same numbers as float32, in half of the time that numpy takes to convert them. By a table
+    and not by arithmetic: some hosts of this client take small numbers for 0."""
+    # No code is outside of the table: `clip` saves the search for one.
+    return _floats().take(values.view("<u2"), mode="clip")
+
+
+@cache
+def _floats() -> NDArray[np.float32]:
+    """The float32 of every half float, by its code."""
+    return np.arange(1 << 16, dtype=np.uint16).view(np.float16).astype(np.float32)
 
 
 def _json(message: str | bytes) -> dict[str, Any]:
