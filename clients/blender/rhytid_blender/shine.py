@@ -138,7 +138,7 @@ def _give_back(tree: Any, node: Any) -> None:
 
 
 def _is_ours(socket: Any) -> bool:
-    return socket.is_linked and socket.links[0].from_node.name.startswith(SHINE)
+    return bool(socket.is_linked and socket.links[0].from_node.name.startswith(SHINE))
 
 
 def _lobe(tree: Any, shader: Any, node: Any, tangent: Any) -> None:
