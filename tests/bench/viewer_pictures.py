@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from PIL import Image
+from skin_pictures import page
 
 from viewer.conftest import CHROMIUM
 from viewer.looking import FLAGS, HEIGHT, WIDTH, Look
@@ -29,7 +30,7 @@ from viewer.looking import FLAGS, HEIGHT, WIDTH, Look
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-SIZE, GAP, QUALITY, FIELD = (600, 400), 6, 88, 0.45
+SIZE, QUALITY, FIELD, LIGHT = (600, 400), 88, 0.45, (0.9, 0.4, 0.3)
 # Of the page: the picture of a pose from a camera, as a data URL.
 DRAW = """({ weights, camera, light, size: [width, height] }) => {
   const { canvas, shapes, skin, view } = rhytid.face;
@@ -50,42 +51,32 @@ class Place:
     at: tuple[float, float, float]
     width: float
     turn: float
-    light: tuple[float, float, float]
 
     def asked(self, centre: list[float]) -> dict[str, Any]:
         """Camera and light.  centre: of the mesh."""
         away = self.width * SIZE[1] / SIZE[0] / (2 * math.tan(FIELD / 2))
         target = [a - c for a, c in zip(self.at, centre, strict=True)]
         camera = {"target": target, "distance": away, "yaw": math.radians(self.turn)}
-        return {"camera": {**camera, "pitch": 0.0, "fov": FIELD}, "light": self.light, "size": SIZE}
+        return {"camera": {**camera, "pitch": 0.0, "fov": FIELD}, "light": LIGHT, "size": SIZE}
 
 
 PLACES = (
-    Place("big_smile", (5.0, 2.6, 7.5), 8.0, 30, (0.9, 0.4, 0.3)),
-    Place("brow_furrow", (0.0, 5.6, 10.8), 7.0, 0, (0.9, 0.4, 0.3)),
-    Place("big_smile", (3.2, -3.6, 9.8), 8.0, 22, (0.9, 0.4, 0.3)),
-    Place("jaw_open", (2.0, -6.0, 8.0), 16.0, 20, (0.9, 0.4, 0.3)),
+    Place("big_smile", (5.0, 2.6, 7.5), 8.0, 30),
+    Place("brow_furrow", (0.0, 5.6, 10.8), 7.0, 0),
+    Place("big_smile", (3.2, -3.6, 9.8), 8.0, 22),
+    Place("jaw_open", (2.0, -6.0, 8.0), 16.0, 20),
 )
 
 
-def pictures(page: Page, composites: dict[str, dict[str, float]]) -> list[Image.Image]:
+def pictures(tab: Page, composites: dict[str, dict[str, float]]) -> list[Image.Image]:
     """Of all places, drawn by the page of a package."""
-    centre = page.evaluate("rhytid.face.skin.manifest.mesh.centre")
+    centre = tab.evaluate("rhytid.face.skin.manifest.mesh.centre")
     found = []
     for place in PLACES:
         asked = {"weights": composites[place.expression], **place.asked(centre)}
-        _, _, data = page.evaluate(DRAW, asked).partition(",")
+        _, _, data = tab.evaluate(DRAW, asked).partition(",")
         found.append(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"))
     return found
-
-
-def sheet(found: list[Image.Image]) -> Image.Image:
-    """Two in a row."""
-    width, height = (side + GAP for side in SIZE)
-    together = Image.new("RGB", (2 * width - GAP, len(found) // 2 * height - GAP), "white")
-    for i, picture in enumerate(found):
-        together.paste(picture, (i % 2 * width, i // 2 * height))
-    return together
 
 
 def main() -> None:
@@ -104,10 +95,11 @@ def main() -> None:
     ):
         threading.Thread(target=server.serve_forever, daemon=True).start()
         browser = p.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        page = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
-        Look(page, f"http://127.0.0.1:{server.server_address[1]}/").ready()
+        tab = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
+        Look(tab, f"http://127.0.0.1:{server.server_address[1]}/").ready()
         composites = json.loads(given.composites.read_text(encoding="utf-8"))
-        sheet(pictures(page, composites)).save(given.out, quality=QUALITY)
+        found = pictures(tab, composites)
+        page([found[:2], found[2:]]).save(given.out, quality=QUALITY)
         browser.close()
         server.shutdown()
 

@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 from face import Face
 from make import begin, run
-from scan_moves import SCAN, moved_head
+from scan_moves import baked as baked_scan
+from scan_moves import moved_head
 from shots import Shot, View
 
 SIZE, TURN, LIGHT = (600, 400), 19, (1.0, 0.35, 0.1)
@@ -75,16 +76,6 @@ def baked(look: str, options: argparse.Namespace) -> Path:
     return maps.resolve()
 
 
-def scanned(options: argparse.Namespace) -> tuple[Face, Path]:
-    """The scanned head, and the folder of its displacement at rest."""
-    head, maps = moved_head(options), options.out / "scan"
-    scan = ["--scan", options.folder / "displacement_4096.jpg", *SCAN, "--method", "neutral"]
-    given = ["bake", options.out / "head.npz", *scan, "--store", options.out / "store"]
-    given += ["--frame-range", "1"]
-    run(options.rhytid, *given, "--resolution", options.resolution, "--out", maps)
-    return head, maps.resolve()
-
-
 def render(
     face: Face, moves: np.ndarray, maps: dict[str, Path], options: argparse.Namespace
 ) -> None:
@@ -109,8 +100,8 @@ def render(
     rows = [sheets.row([view(name, "paper"), best[name]], ["", ""]) for name in COMPARED]
     sheets.stack(rows).save(options.out / "paper_and_best.jpg", quality=gallery.STILL_QUALITY)
 
-    head, scan = scanned(options)
-    obj = gallery.opened(head, np.zeros((1, len(head.names))), scan, options.out, eyes=False)
+    head, at_rest = moved_head(options), baked_scan("neutral", options)
+    obj = gallery.opened(head, np.zeros((1, len(head.names))), at_rest, options.out, eyes=False)
     rendering.settle(percent=100)
     shot = Shot("scan", SCANNED, range(1, 2), options.samples)
     pictures = [*best.values(), *rendering.rendered(obj, options.out / "renders", shot, "with")]

@@ -134,8 +134,8 @@ class Baker:
         return MapSources(self.engine, self.asset, self.mesh, self.frames, self.lag)
 
     @cached_property
-    def _mesh_facts(self) -> Facts:
-        return mesh_facts(self.mesh)
+    def _mesh_facts(self) -> Callable[[], Facts]:
+        return once(partial(mesh_facts, self.mesh))
 
     def _map_bytes(self, due: Sequence[_DueMap]) -> int:
         """Bytes of a map until its files, one after another, are written. Those that are copied

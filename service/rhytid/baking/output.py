@@ -6,7 +6,7 @@ import glob
 import hashlib
 import json
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -105,9 +105,9 @@ class Output:
             return True
         return not set(self.part.numbers).isdisjoint(other.numbers)
 
-    def describe(self, drawn: FrameMap, mesh: Facts) -> None:
+    def describe(self, drawn: FrameMap, mesh: Callable[[], Facts]) -> None:
         """Write NAME.<PROFILE>.json, which readers of PNG files need, for each such profile. A file
-        that is up to date stays.  mesh: `mesh_facts`."""
+        that is up to date stays.  mesh: gives `mesh_facts`."""
         for profile in self.profiles:
             if profile.described:
                 facts = {
@@ -115,7 +115,7 @@ class Output:
                     "files": profile.pattern(self.name),
                     "unit": drawn.header.unit,
                     "asset": drawn.header.asset,
-                    **mesh,
+                    **mesh(),
                     "colour_space": "raw",
                     **file_attributes(),
                 }

@@ -165,8 +165,8 @@ def _check_mesh(mesh: Mesh, file: Path, facts: Path) -> None:
     older ones have none, or say nothing of the mesh."""
     from rhytid.baking.output import mesh_facts
 
-    told = _told(facts) if facts.is_file() else {}
-    own, theirs = mesh_facts(mesh), {name: told.get(name) for name in mesh_facts(mesh)}
+    told, own = _told(facts) if facts.is_file() else {}, mesh_facts(mesh)
+    theirs = {name: told.get(name) for name in own}
     if own == theirs or None in theirs.values():
         return
     counts = [f"{of['vertices']} vertices and {of['triangles']} triangles" for of in (own, theirs)]

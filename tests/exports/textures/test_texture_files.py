@@ -213,7 +213,7 @@ def test_blood_is_in_the_middle_at_rest(drawn: FrameMap, tmp_path: Path) -> None
 
 def test_png_has_its_facts_in_a_file_beside_it(drawn: FrameMap, tmp_path: Path) -> None:
     output = Output(tmp_path, "face", profiles_of(["png16", "float", "normal-dx"]))
-    output.describe(drawn, mesh_facts(MESH))
+    output.describe(drawn, lambda: mesh_facts(MESH))
 
     assert {file.name for file in tmp_path.iterdir()} == {"face.png16.json", "face.normal-dx.json"}
     told = json.loads((tmp_path / "face.png16.json").read_text())
