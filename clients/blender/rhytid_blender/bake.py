@@ -111,6 +111,8 @@ class RHYTID_OT_open(Simple, bpy.types.Operator):
         if ours(obj).shine and maps.shine.file(maps.udims[0], maps.frames[0]).exists():
             offline.show_shine(obj, maps)
         done = rendering.set_up(obj, scene_of(context))
+        for warning in state.status(obj).of_frame:
+            self.report({"WARNING"}, warning)
         first, last = maps.frames[0], maps.frames[-1]
         return "; ".join([f"Files {first} to {last} of {maps.name}", *done])
 

@@ -9,7 +9,7 @@ from rhytid_client.hosts.baking import roughness_of
 
 from . import images, meshes, nodes, shine, state
 from .properties import ours
-from .typed import scene_of
+from .typed import mesh_of, scene_of
 
 
 def opened(obj: bpy.types.Object, maps: MapSequence, start: int | None = None) -> None:
@@ -33,12 +33,22 @@ def opened(obj: bpy.types.Object, maps: MapSequence, start: int | None = None) -
     shine.disconnect(obj)
     # What was wrong with what the object showed before is no more.
     status = state.status(obj)
-    status.text, status.failed = "", False
+    status.text, status.failed, status.of_frame = "", False, _of_another_mesh(obj, maps)
     if maps.tiled:
         _show(obj, scene_of(bpy.context).frame_current)
     else:
         image.source = "SEQUENCE"
         play(obj)
+
+
+def _of_another_mesh(obj: bpy.types.Object, maps: MapSequence) -> tuple[str, ...]:
+    """A warning where maps are of a mesh with more or fewer triangles than the object has without
+    modifiers."""
+    own = sum(polygon.loop_total - 2 for polygon in mesh_of(obj).polygons)
+    if maps.triangles in (None, own):
+        return ()
+    theirs = f"{maps.name} was baked from a mesh of {maps.triangles} triangles"
+    return (f"{theirs}, '{obj.name}' has {own}: are they the maps of this head?",)
 
 
 def show_shine(obj: bpy.types.Object, maps: MapSequence) -> None:

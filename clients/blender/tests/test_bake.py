@@ -141,6 +141,15 @@ def test_a_folder_of_the_command_line(blender: bpy.types.Scene, tmp_path: Path) 
     found = heights(blender, tmp_path, (20, 21, 22))
     assert found == pytest.approx(drawn, abs=1e-3 * max(map(abs, drawn)))
 
+    from bl_ext.user_default.rhytid import state
+
+    assert state.status(obj).of_frame == ()
+    other = add("Other", *grid(COUNT + 1, TEXELS * TEXEL, 1, TEXELS))
+    assert bpy.ops.rhytid.open(directory=str(tmp_path / "maps")) == {"FINISHED"}
+    (told,) = state.status(other).of_frame
+    triangles = f"{2 * (COUNT - 1) ** 2} triangles, 'Other' has {2 * COUNT**2}"
+    assert told.startswith(f"flat was baked from a mesh of {triangles}")
+
 
 def test_what_is_missing_is_told(blender: bpy.types.Scene, tmp_path: Path) -> None:
     sheet()

@@ -205,7 +205,9 @@ class Baker:
         for one in due:
             with self.watch.step("write"):
                 if not self._copied(frame, one):
-                    one.profile.write(one.file, map, one.profile.all_facts(map))
+                    # By which readers know maps of another mesh.
+                    facts = {"triangles": len(self.mesh.faces), **one.profile.all_facts(map)}
+                    one.profile.write(one.file, map, facts)
                 frame.record.add(one.file, one.key)
             detail(f"wrote {one.file.name}")
         return len(due)

@@ -31,6 +31,14 @@ def float_attribute(path: Path, name: str) -> float | None:
     return struct.unpack("<f", value)[0] if value is not None and len(value) == 4 else None
 
 
+def int_attribute(path: Path, name: str) -> int | None:
+    """An int attribute by name; None where there is none, or the header is none.
+
+    Raises Trouble where the file cannot be read."""
+    value = _attribute(path, name, "int")
+    return struct.unpack("<i", value)[0] if value is not None and len(value) == 4 else None
+
+
 def _attribute(path: Path, name: str, kind: str) -> bytes | None:
     try:
         with path.open("rb") as file:

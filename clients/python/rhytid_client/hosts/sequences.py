@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from uuid import uuid4
 
-from rhytid_client.hosts.exr_header import float_attribute, text_attribute
+from rhytid_client.hosts.exr_header import float_attribute, int_attribute, text_attribute
 from rhytid_client.hosts.trouble import Trouble
 
 # Names of files, with the tokens that stand for numbers, and least digits of a frame.
@@ -31,7 +31,8 @@ class MapSequence:
 
     pattern: path with <UDIM> and <FRAME> in place of the numbers.  udims, frames: their numbers,
     ascending.  digits: least ones of a frame.  unit: of length, empty where unknown.  bound: no
-    height is farther from 0, in that unit; None where unknown.
+    height is farther from 0, in that unit; None where unknown.  triangles: of the mesh; None where
+    unknown.
     """
 
     name: str
@@ -41,6 +42,7 @@ class MapSequence:
     digits: int = 4
     unit: str = ""
     bound: float | None = None
+    triangles: int | None = None
 
     @classmethod
     def of(
@@ -119,7 +121,8 @@ def _checked(folder: Path, files: list[re.Match[str]]) -> MapSequence:
     bounds = [_bound(folder / match[0]) for match in files]
     known = [bound for bound in bounds if bound is not None]
     bound = max(known) if len(known) == len(bounds) else None
-    return replace(sequence, unit=unit, bound=bound)
+    triangles = int_attribute(folder / files[0][0], "triangles")
+    return replace(sequence, unit=unit, bound=bound, triangles=triangles)
 
 
 def _bound(file: Path) -> float | None:
@@ -133,7 +136,7 @@ def copied(maps: MapSequence, folder: Path, style: Style) -> MapSequence:
     for udim in maps.udims:
         for frame in maps.frames:
             _copy(maps.file(udim, frame), copies.file(udim, frame))
-    return replace(copies, unit=maps.unit, bound=maps.bound)
+    return replace(copies, unit=maps.unit, bound=maps.bound, triangles=maps.triangles)
 
 
 def _copy(source: Path, target: Path) -> None:
