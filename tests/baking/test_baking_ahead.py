@@ -174,6 +174,7 @@ def test_frames_with_the_same_positions_are_drawn_once(
     )
     assert (first.texels == second.texels).all()
     assert (first.attributes["frame"], second.attributes["frame"]) == ("0001", "0002")
+    assert int(first.attributes["triangles"]) == len(SQUARE.faces)
     del first.attributes["frame"], second.attributes["frame"]
     for texture in (first, second):
         texture.attributes.pop("DateTime", None)  # of `tx`: when OpenImageIO wrote it

@@ -24,7 +24,7 @@ def baked(folder: Path, udims: tuple[int, ...], frames: tuple[int, ...]) -> None
     for udim in udims:
         for frame in frames:
             height = float(frame + udim - 1001)
-            facts = {"unit": "mm", "minimum": -height, "maximum": 0.5 * height}
+            facts = {"unit": "mm", "minimum": -height, "maximum": 0.5 * height, "triangles": 12}
             write(folder / f"face.{udim}.{frame:04d}.exr", **facts)
 
 
@@ -62,7 +62,7 @@ def test_what_bake_left_is_found(tmp_path: Path) -> None:
     baked(tmp_path, (1001, 1002), (3, 4, 5))
     maps = found(tmp_path)
     assert (maps.name, maps.udims, maps.frames, maps.digits) == ("face", (1001, 1002), (3, 4, 5), 4)
-    assert maps.unit == "mm"
+    assert (maps.unit, maps.triangles) == ("mm", 12)
     assert maps.bound == 6.0
     assert [maps.file(u, f).is_file() for u in maps.udims for f in maps.frames] == [True] * 6
 
@@ -107,7 +107,7 @@ def test_copies_under_other_names(tmp_path: Path) -> None:
     names = sorted(path.name for path in (tmp_path / "renamed").iterdir())
     assert names == [f"face_f000{f}.{u}.exr" for f in (1, 2) for u in (1001, 1002)]
     assert copies.file(1002, 2).read_bytes() == maps.file(1002, 2).read_bytes()
-    assert (copies.unit, copies.bound) == ("mm", 3.0)
+    assert (copies.unit, copies.bound, copies.triangles) == ("mm", 3.0, 12)
 
 
 def test_a_copy_that_fails_is_told_and_leaves_nothing(tmp_path: Path) -> None:
