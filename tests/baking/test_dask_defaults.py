@@ -10,7 +10,7 @@ import pytest
 from rhytid.baking.farm import dask_bake
 from rhytid.baking.farm.dask_bake import chunk_size, worker_devices
 from rhytid.baking.request import BakeRequest
-from rhytid.cli.options import service_settings
+from rhytid.cli.service_options import service_settings
 from rhytid.engine.messages import MapQuery
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from rhytid.api.server.listening import address_of, listen
 from rhytid.cli import main
-from rhytid.cli.options import local_settings
 from rhytid.cli.program import build_parser
+from rhytid.cli.service_options import local_settings
 from rhytid.cli.skin_options import asset_settings, given_settings, skin_maps, skin_settings
 from rhytid.cli.synthesize import grown_settings
 from rhytid.domain.asset_settings import AssetSettings

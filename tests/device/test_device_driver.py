@@ -9,7 +9,7 @@ import time
 import pytest
 from pyopencl import cache
 
-from rhytid.device import caches, driver
+from rhytid.device import caches, driver, loader
 from rhytid.device.caches import provide_cache_folder
 from rhytid.device.runtime import Device
 
@@ -96,7 +96,7 @@ def told(monkeypatch):
         monkeypatch.setattr(sys, "platform", "linux")
         monkeypatch.setattr(os, "cpu_count", lambda: 4)
         monkeypatch.setattr(os, "sched_getaffinity", lambda pid: cores, raising=False)
-        driver._pin_pocl()
+        loader._pin_pocl()
         return os.environ.get("POCL_AFFINITY")
 
     return found

@@ -49,7 +49,7 @@ class Halted:
 
     def __init__(self, monkeypatch):
         self.running, self.free = threading.Event(), threading.Event()
-        monkeypatch.setattr("rhytid.engine.assets.builder.synthesize", self)
+        monkeypatch.setattr("rhytid.synthesis.generate.synthesize", self)
 
     def __call__(self, mesh, settings, device, report, **how):
         self.running.set()

@@ -25,11 +25,11 @@ class Gate:
     """Stands in for the synthesis: waits to be let go, then returns what was made before."""
 
     def __init__(self, monkeypatch):
-        from rhytid.engine.assets import builder
+        from rhytid.synthesis import generate
 
         self.entered, self.free = threading.Event(), threading.Event()
-        self.real = builder.synthesize
-        monkeypatch.setattr(builder, "synthesize", self)
+        self.real = generate.synthesize
+        monkeypatch.setattr(generate, "synthesize", self)
 
     def __call__(self, mesh, settings, device, report, **how):
         self.entered.set()

@@ -53,7 +53,7 @@ def test_the_asset_is_the_same_on_another_server(
     made: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with running(tmp_path) as engine, serving(engine) as client:
-        monkeypatch.setattr("rhytid.engine.assets.builder.synthesize", None)
+        monkeypatch.setattr("rhytid.synthesis.generate.synthesize", None)
         answer = client.post("/v1/snapshots", content=made.data, headers=TAR)
         assert answer.status_code == 201
         assert answer.headers["location"] == f"/v1/assets/{made.asset}"

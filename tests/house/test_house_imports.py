@@ -66,9 +66,9 @@ ONLY_IN = {
 ENVIRONMENT = (
     "support/settings.py",
     "device/caches.py",
-    "device/driver.py",
+    "device/loader.py",
     # Hands it on to the child, with the number of heaps.
-    "processes/device_process.py",
+    "processes/interpreter.py",
     # Hands it on to processes, with one more filter of warnings.
     "baking/farm/dask_cluster.py",
 )

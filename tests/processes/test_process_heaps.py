@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from rhytid.processes import device_process
+from rhytid.processes import interpreter
 
 pytestmark = pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="others have no settings")
 
@@ -58,8 +58,8 @@ def printed(program: str, env: dict[str, str] | None = None) -> int:
 def test_threads_share_few_heaps(monkeypatch: pytest.MonkeyPatch) -> None:
     """In the environment that the process is started with."""
     given: dict[str, Any] = {}
-    monkeypatch.setattr(device_process.subprocess, "Popen", lambda *_, **named: given.update(named))
-    device_process._spawned(0, 1, 2)
+    monkeypatch.setattr(interpreter.subprocess, "Popen", lambda *_, **named: given.update(named))
+    interpreter._spawned(0)
     monkeypatch.undo()
     assert printed(HEAPS, given["env"]) <= 1
 

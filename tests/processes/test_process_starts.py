@@ -23,7 +23,7 @@ from rhytid.device.watch import Purpose
 from rhytid.engine.frames import Frame, UnknownFrameError
 from rhytid.engine.operations import OPERATIONS
 from rhytid.errors import DeviceError, DeviceLostError, FatalRequestError
-from rhytid.processes import device_process, supervisor
+from rhytid.processes import device_process, interpreter, supervisor
 from rhytid.processes.device_process import DeviceProcess, Ending
 from rhytid.processes.envelope import Answer, Request
 from rhytid.processes.supervisor import Supervisor
@@ -205,7 +205,7 @@ def test_a_start_that_fails_keeps_no_descriptors(monkeypatch: pytest.MonkeyPatch
     def fail(*_: int) -> Any:
         raise NO_ROOM
 
-    monkeypatch.setattr(device_process, "_spawned", fail)
+    monkeypatch.setattr(interpreter, "_spawned", fail)
     start = Start(ServiceSettings(), {}, 0)
     before = len(list(Path("/proc/self/fd").iterdir()))
     for _ in range(20):
@@ -219,7 +219,7 @@ def test_a_process_that_never_answers_is_ended(monkeypatch: pytest.MonkeyPatch) 
         command = [sys.executable, "-c", f"import time; time.sleep({LONG})"]
         return subprocess.Popen(command, pass_fds=(control,))
 
-    monkeypatch.setattr(device_process, "_spawned", sleeper)
+    monkeypatch.setattr(interpreter, "_spawned", sleeper)
     monkeypatch.setattr(device_process, "STARTING", 0.0)
     start = Start(ServiceSettings(), {}, 0)
     ending = DeviceProcess(start, lambda message: None, lambda process: None, -1).watch()

@@ -10,7 +10,6 @@ from rhytid.cli.options import (
     FRAME_FILES,
     Arguments,
     add_caches,
-    add_device,
     add_force,
     add_json,
     add_mesh,
@@ -18,7 +17,6 @@ from rhytid.cli.options import (
     add_progress,
     add_query,
     add_several,
-    add_shared_store,
     add_shine,
     add_stiffness,
     add_strict,
@@ -29,10 +27,10 @@ from rhytid.cli.options import (
     positive,
     readable,
     seconds,
-    service_settings,
 )
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.scan_options import add_scan, options_named, refuse_scan_conflicts
+from rhytid.cli.service_options import add_device, add_shared_store, service_settings
 from rhytid.cli.skin_options import add_settings, add_skin, refuse_without_effect, skin_request
 from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings

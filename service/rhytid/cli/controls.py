@@ -8,7 +8,6 @@ from pathlib import Path
 from rhytid.cli.control_samples import NAMES, samples, title
 from rhytid.cli.options import (
     MESH_FILES,
-    add_device,
     add_mesh,
     add_prim,
     add_several,
@@ -17,6 +16,7 @@ from rhytid.cli.options import (
     prim_clip,
 )
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.service_options import add_device
 from rhytid.cli.summaries import SUMMARIES
 from rhytid.errors import InputError
 from rhytid.support.console import check_suffix, counted, make_place, note

@@ -12,17 +12,16 @@ from typing import TYPE_CHECKING
 from rhytid.cli.options import (
     MESH_FILES,
     add_caches,
-    add_device,
     add_force,
     add_json,
     add_strict,
     add_unit,
     cache_clip,
-    local_settings,
     readable,
 )
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.scan_options import add_scan, options_named, refuse_scan_conflicts
+from rhytid.cli.service_options import add_device, local_settings
 from rhytid.cli.skin_options import add_settings, add_skin, refuse_without_effect, skin_request
 from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings

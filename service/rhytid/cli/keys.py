@@ -10,8 +10,9 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 from rhytid.api.keys import COMPUTE, READ, SCOPES, ApiKey, changing, new_key, read_keys, utc_now
-from rhytid.cli.options import add_json, add_several, base_name, local_settings
+from rhytid.cli.options import add_json, add_several, base_name
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.service_options import local_settings
 from rhytid.cli.summaries import SUMMARIES
 from rhytid.errors import InputError
 from rhytid.support.console import report, table

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from rhytid.cli.options import (
     FRAME_FILES,
     add_caches,
-    add_device,
     add_force,
     add_json,
     add_mesh,
@@ -28,6 +27,7 @@ from rhytid.cli.scan_options import (
     add_scan_settings,
     refuse_without_scan,
 )
+from rhytid.cli.service_options import add_device
 from rhytid.cli.skin_options import add_settings, add_skin, refuse_without_effect, skin_request
 from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings

@@ -13,10 +13,11 @@ from rhytid.baking.input_files import graph_file, shape_files
 from rhytid.baking.inputs import new_asset
 from rhytid.baking.run_warnings import RunWarnings
 from rhytid.cli.measure_patches import Heights, Place, Positions, Source, of_asset, of_scan
-from rhytid.cli.options import cache_clip, length_unit, service_settings
+from rhytid.cli.options import cache_clip, length_unit
 from rhytid.cli.preview import skin_views
 from rhytid.cli.preview_spots import flat_spots, spot_at
 from rhytid.cli.scan_options import checked_scan
+from rhytid.cli.service_options import service_settings
 from rhytid.cli.skin_options import given_settings, skin_request
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import expressions_for_lines

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -20,7 +19,6 @@ from rhytid.errors import InputError
 from rhytid.exports.textures import COMPRESSIONS, PROFILE_NAMES, USUAL
 from rhytid.formats.frame_set import Clip
 from rhytid.support.console import STDOUT
-from rhytid.support.settings import ServiceSettings
 
 if TYPE_CHECKING:
     from rhytid.formats.meshes import MeshFile
@@ -28,7 +26,6 @@ if TYPE_CHECKING:
 Value = TypeVar("Value")
 # A parser, or a group of its options in --help.
 Arguments = argparse._ActionsContainer
-MAX_PORT = 65535
 MOST_FPS = 10_000
 # What the commands read.
 MESH_FILES = "OBJ, PLY, glTF, GLB, npz or USD"
@@ -61,13 +58,6 @@ def existing(text: str) -> Path:
 def map_file(text: str) -> Path:
     """The path of a map, which may have `<UDIM>` in its name."""
     return Path(text) if ANY_UDIM in Path(text).name else readable(text)
-
-
-def port_number(text: str) -> int:
-    """A TCP port; 0 takes any free one."""
-    if not (text.isascii() and text.isdigit() and int(text) <= MAX_PORT):
-        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 0 to {MAX_PORT}")
-    return int(text)
 
 
 def positive(text: str) -> int:
@@ -288,43 +278,3 @@ def add_shine(parser: Arguments) -> None:
     parser.add_argument(
         "--base-roughness", type=share, default=USUAL.roughness, metavar="R", help=base
     )
-
-
-def add_device(parser: Arguments, more: str = "") -> None:
-    """Add `--device D`."""
-    device = f"number or part of the name of a device{more} (default: RHYTID_DEVICE, or chosen)"
-    parser.add_argument("--device", metavar="D", help=device)
-
-
-def add_store(parser: Arguments) -> None:
-    """Add `--store DIR`."""
-    store = "folder of the assets (default: of RHYTID_STORE, else rhytid-store)"
-    parser.add_argument("--store", type=Path, metavar="DIR", help=store)
-
-
-def add_shared_store(parser: Arguments) -> None:
-    """Add `--shared-store PLACE`."""
-    place = (
-        "where assets are that several machines share: a folder that all mount, or "
-        "s3://BUCKET/PREFIX with the extra s3 (default: of RHYTID_SHARED_STORE, else none)"
-    )
-    parser.add_argument("--shared-store", metavar="PLACE", help=place)
-
-
-def service_settings(
-    store: Path | None, device: str | None, shared_store: str | None
-) -> ServiceSettings:
-    """The settings of the environment, with values of the command line in place of theirs."""
-    found = ServiceSettings.from_environment()
-    return replace(
-        found,
-        store=store or found.store,
-        device=device or found.device,
-        shared_store=shared_store or found.shared_store,
-    )
-
-
-def local_settings(store: Path | None, device: str | None) -> ServiceSettings:
-    """The same without a shared store, and without a time limit of builds: nobody else waits for
-    the device."""
-    return replace(service_settings(store, device, None), shared_store=None, build_seconds=None)

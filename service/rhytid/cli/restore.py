@@ -6,8 +6,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.options import add_json, add_progress, add_shared_store, add_store, readable
+from rhytid.cli.options import add_json, add_progress, readable
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.service_options import add_shared_store, add_store
 from rhytid.cli.snapshot import RUNNING, SUFFIX, mirrored
 from rhytid.cli.summaries import SUMMARIES
 from rhytid.errors import SnapshotError

@@ -13,18 +13,19 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rhytid import __version__
-from rhytid.cli.options import (
+from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.service_options import (
     add_device,
     add_shared_store,
     add_store,
     port_number,
     service_settings,
 )
-from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.summaries import SUMMARIES
 from rhytid.cli.termination import TERMINATED, Terminated, end_now
 from rhytid.domain.wording import install_hint
 from rhytid.errors import InputError
+from rhytid.processes.interpreter import begun, possible
 from rhytid.support.console import verbosity
 from rhytid.support.logs import log_to_stderr
 from rhytid.support.settings import LOG_FORMATS, ServiceSettings, misspelt_variables
@@ -93,9 +94,6 @@ def device_numbers(text: str) -> tuple[str, ...]:
 
 def run(arguments: argparse.Namespace) -> None:
     """Listen, print the address, and serve until interrupted."""
-    # Imported here, so that --help does not wait for OpenCL and the web framework.
-    from rhytid.api.server.listening import asks_keys, listen
-
     settings = _with_places(
         service_settings(arguments.store, arguments.device, arguments.shared_store)
     )
@@ -108,6 +106,23 @@ def run(arguments: argparse.Namespace) -> None:
         other = "--device" if arguments.device else "--in-process"
         raise InputError(f"--devices and {other} cannot be given together")
     fleet = _fleet_of(arguments, settings)
+    if fleet is not None:
+        _listen(arguments, settings, fleet)
+    elif arguments.in_process or not possible():
+        _listen(arguments, settings, _engine_here)
+    else:
+        with begun():  # before anything that takes long is imported
+            _listen(arguments, settings, _remote_engine)
+
+
+def _listen(
+    arguments: argparse.Namespace,
+    settings: ServiceSettings,
+    engine_of: Callable[[ServiceSettings], AbstractContextManager[Any]],
+) -> None:
+    # Imported here, so that --help does not wait for OpenCL and the web framework.
+    from rhytid.api.server.listening import asks_keys, listen
+
     listening = listen(arguments.host, arguments.port)
     with closing(listening):
         ask = asks_keys(
@@ -118,11 +133,7 @@ def run(arguments: argparse.Namespace) -> None:
             named=settings.keys is not None,
         )
         settings = replace(settings, ask_keys=ask)
-        if fleet is not None:
-            _serve(listening, settings, fleet(settings))
-        else:
-            made = _engine(settings, in_process=arguments.in_process)
-            _serve(listening, settings, made)
+        _serve(listening, settings, engine_of(settings))
 
 
 def _fleet_of(
@@ -156,28 +167,27 @@ def _fleet_of(
 
 
 @contextmanager
-def _engine(settings: ServiceSettings, *, in_process: bool) -> Iterator[Engine]:
-    """An engine in a process of its own; in this one where `in_process` says so, and on Windows.
-    Raises what `rhytid.engine.engine.Engine` does."""
-    from rhytid.processes.device_process import possible
+def _engine_here(settings: ServiceSettings) -> Iterator[Engine]:
+    """An engine in this process. Raises what `rhytid.engine.engine.Engine` does."""
+    from rhytid.engine.engine import Engine as Here
 
-    made: Engine
-    if in_process or not possible():
-        from rhytid.engine.engine import Engine as Here
+    with closing(Here(settings)) as made:
+        yield made
 
-        with closing(Here(settings)) as made:
-            yield made
-    else:
-        from rhytid.processes.remote_engine import RemoteEngine
 
-        # No daemon: the interpreter must not end within it.
-        importing = threading.Thread(target=_import_server, name="rhytid-imports")
-        importing.start()
-        made = RemoteEngine(settings)
-        with closing(made):
-            # A signal that ends an import of this thread may leave the other one waiting for good.
-            importing.join()
-            yield made
+@contextmanager
+def _remote_engine(settings: ServiceSettings) -> Iterator[Engine]:
+    """An engine in a process of its own. Raises as `_engine_here`."""
+    from rhytid.processes.remote_engine import RemoteEngine
+
+    # No daemon: the interpreter must not end within it.
+    importing = threading.Thread(target=_import_server, name="rhytid-imports")
+    importing.start()
+    made: Engine = RemoteEngine(settings)
+    with closing(made):
+        # A signal that ends an import of this thread may leave the other one waiting for good.
+        importing.join()
+        yield made
 
 
 def _import_server() -> None:

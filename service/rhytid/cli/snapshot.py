@@ -8,14 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.options import (
-    add_json,
-    add_shared_store,
-    add_store,
-    local_settings,
-    service_settings,
-)
+from rhytid.cli.options import add_json
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.service_options import add_shared_store, add_store, local_settings, service_settings
 from rhytid.cli.summaries import SUMMARIES
 from rhytid.errors import InputError
 from rhytid.support.console import make_place, report, working

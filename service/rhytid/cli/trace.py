@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from rhytid.cli.graph_output import open_device
 from rhytid.cli.options import (
-    add_device,
     add_json,
     add_mesh,
     add_prim,
@@ -32,6 +31,7 @@ from rhytid.cli.scan_options import (
     add_traced_settings,
     checked_scan,
 )
+from rhytid.cli.service_options import add_device
 from rhytid.cli.skin_options import add_settings, given_settings
 from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings

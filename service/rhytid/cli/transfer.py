@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from rhytid.cli.options import (
     MESH_FILES,
-    add_device,
     add_force,
     add_json,
     add_prim,
@@ -20,6 +19,7 @@ from rhytid.cli.options import (
     readable,
 )
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.service_options import add_device
 from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import InputError

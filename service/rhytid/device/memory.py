@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from rhytid.device.select import Candidate
+if TYPE_CHECKING:
+    from rhytid.device.select import Candidate
 
 # Of the memory of a device that has its own.
 DEVICE_SHARE = 0.8

@@ -3,7 +3,6 @@ while."""
 
 from __future__ import annotations
 
-import asyncio
 import threading
 import time
 from collections import Counter
@@ -191,6 +190,8 @@ class Hold:
 
     async def grow_async(self, more: int) -> None:
         """As `grow`, without blocking the event loop."""
+        import asyncio  # here, so that the process of a device does without
+
         waiting = self._budget.ask(self, more)
         if waiting is None:
             return

@@ -1,4 +1,7 @@
-"""Skin packages of assets: made once, as jobs, and kept on disk."""
+"""Skin packages of assets: made once, as jobs, and kept on disk.
+
+What writes them is imported when one is asked for: a process of a device need not wait for it.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from typing_extensions import override
 
@@ -28,10 +32,10 @@ from rhytid.errors import (
     NotFoundError,
     SettingsError,
 )
-from rhytid.exports.skin_package.maps import SkinMaps, check_settings
-from rhytid.exports.skin_package.package import PackageWriter, package_version
-from rhytid.exports.skin_package.texture_arrays import MOST_SIDE
 from rhytid.storage.store import AssetStore
+
+if TYPE_CHECKING:
+    from rhytid.exports.skin_package.package import PackageWriter
 
 # Seconds that a caller waits for a package before it is told of the job.
 PATIENCE = 1.0
@@ -107,6 +111,9 @@ class PackageService(Packages):
 
     def _request(self, asset: Asset, levels: int) -> _Request:
         """The package that is to be made. Levels beyond one texel are none, and change no key."""
+        from rhytid.exports.skin_package.package import package_version
+        from rhytid.exports.skin_package.texture_arrays import MOST_SIDE
+
         levels = min(levels, min(asset.settings.resolution, MOST_SIDE).bit_length())
         shapes = self._store.shapes_digests(asset.id)
         written_by = f"{self._source.tiles.drawn_by} {package_version()}"
@@ -115,6 +122,8 @@ class PackageService(Packages):
 
     def _job_of(self, request: _Request, begin: bool) -> _PackageJob | None:
         """The job that makes a package: one that does already, or a new one where `begin`."""
+        from rhytid.exports.skin_package.maps import check_settings
+
         with self._lock:
             if (making := self._unfinished.get(request.key)) is not None or not begin:
                 return making
@@ -133,6 +142,9 @@ class PackageService(Packages):
         del self._unfinished[key]
 
     def _work(self, request: _Request, begun: threading.Event, job: Job) -> None:
+        from rhytid.exports.skin_package.maps import SkinMaps
+        from rhytid.exports.skin_package.package import PackageWriter
+
         begun.wait()
         making = self._unfinished[request.key]
         hold = self._memory.hold("jobs")

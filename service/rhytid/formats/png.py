@@ -13,14 +13,17 @@ import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from isal import isal_zlib
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
 
 from rhytid.errors import InputError
 from rhytid.formats.limits import check_sides
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # Colour types of the header by channels, and the filter that stores differences to the row above.
@@ -161,12 +164,16 @@ def _checked_layout(data: bytes, name: str) -> PngLayout:
 
 
 def _open(data: bytes) -> Image.Image:
+    from PIL import Image  # here, since few processes that write images read any
+
     return Image.open(io.BytesIO(data), formats=["PNG"])
 
 
 @contextmanager
 def _naming(name: str) -> Iterator[None]:
     """Within the block, raise the errors of the library for a damaged file as InputError."""
+    from PIL import UnidentifiedImageError
+
     try:
         yield
     except UnidentifiedImageError as exc:  # its text is an address in memory

@@ -48,16 +48,13 @@ _PARENT_DIES = 1
 _log = logging.getLogger(__name__)
 
 
-def main(control: int, report: int, figures_memory: int, parent: int) -> NoReturn:
-    """Run the process.
+def main(control: int, parent: int) -> NoReturn:
+    """Run the process, once the server says for what.
 
-    control, report, figures_memory: descriptors of the control socket, of the memory for the report
-    and for the counts of changes, and of that for figures.  parent: the process that started this
-    one.
+    control: descriptor of the control socket.  parent: the process that started this one.
     """
     _end_with(parent)
-    for descriptor in (control, report, figures_memory):
-        os.set_inheritable(descriptor, False)
+    os.set_inheritable(control, False)
     # The server ends this process: signals of a terminal or a service manager are for the server.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
@@ -68,11 +65,13 @@ def main(control: int, report: int, figures_memory: int, parent: int) -> NoRetur
     if found is None:
         os._exit(0)
     start: Start = found[0]
+    report, figures_memory = found[1]
     _log_as(start)
     memory = mapped(report, SHARED).data
     changes.count_in(memory[mmap.PAGESIZE :])
     report_to(Report(memory[:SIZE]), start.settings.launch_seconds)
     counters = Figures(mapped(figures_memory, figures.SIZE).data)
+    close_all(found[1])
     _Process(server).run(start, counters)
 
 

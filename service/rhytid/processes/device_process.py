@@ -6,13 +6,10 @@ import logging
 import mmap
 import os
 import signal
-import socket
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing import Pipe
 from typing import Any
@@ -20,6 +17,7 @@ from typing import Any
 from rhytid.device.watch import SIZE, Purpose, Report
 from rhytid.engine import changes
 from rhytid.engine.changes import Changes
+from rhytid.processes.interpreter import taken
 from rhytid.processes.lines import Line, Lines
 from rhytid.processes.packing import mapped, shared_file
 from rhytid.processes.wire import Close, Control, OpenLine, Start, Started, close_all, readable
@@ -67,15 +65,6 @@ LOOK = 0.1
 CLOSING, STARTING = 4.0, 600.0
 # Bytes of the memory for its report and, after that, for the counts of what it changes.
 SHARED = mmap.PAGESIZE + changes.SIZE
-# Heaps that glibc makes there at most, unless the environment says otherwise. By itself it makes 8
-# per core, each with gaps of its own: after 15 minutes of mixed load on two cores 17 heaps took
-# 300 MiB. Python runs one thread at a time, and the kernels of PoCL allocate nothing.
-_ARENAS = "2"
-# It gets the path of this process, not what lies in the folder that it is started in.
-_CODE = (
-    "import sys; sys.path[:] = sys.argv[1].split(sys.argv[2]); "
-    "from rhytid.processes.child import main; main(*map(int, sys.argv[3:]))"
-)
 
 
 class DeviceProcess:
@@ -99,27 +88,23 @@ class DeviceProcess:
         self.ending: Future[Ending] = Future()
         self._limit, self._on_message = start.settings.launch_seconds, on_message
         self._on_ready = on_ready
-        with ExitStack() as undone:  # descriptors, where the system starts no process
-            near, far = Pipe()
-            undone.enter_context(near)
-            with far:
-                memory = shared_file(SHARED)
-                try:
-                    shared = mapped(memory, SHARED).data
-                    self.report = Report(shared[:SIZE])
-                    self.changes = Changes(shared[mmap.PAGESIZE :])
-                    self._process = _spawned(far.fileno(), memory, figures_memory)
-                finally:
-                    os.close(memory)
-            undone.pop_all()
-        self._control = Control(near)
+        memory = shared_file(SHARED)
+        try:
+            shared = mapped(memory, SHARED).data
+            self.report = Report(shared[:SIZE])
+            self.changes = Changes(shared[mmap.PAGESIZE :])
+            interpreter = taken()
+            self._process = interpreter.process
+            self._control = Control(interpreter.control)
+            with suppress(OSError):  # it has ended already: `watch` reports it
+                self._control.send(start, memory, figures_memory)
+        finally:
+            os.close(memory)
         self.lines = Lines(self._new_line)
         self._answers_by = time.monotonic() + STARTING
         self._late: float | None = None
         self._unanswered = False
         self._close_by: float | None = None
-        with suppress(OSError):  # it has ended already: `watch` reports it
-            self._control.send(start)
 
     @property
     def pid(self) -> int:
@@ -188,22 +173,3 @@ class DeviceProcess:
         with far, suppress(OSError):  # else the line is broken, which its user finds
             self._control.send(OpenLine(), far.fileno())
         return Line(near)
-
-
-def _spawned(control: int, report: int, figures_memory: int) -> subprocess.Popen[bytes]:
-    descriptors = (control, report, figures_memory)
-    numbers = [str(number) for number in (*descriptors, os.getpid())]
-    command = [sys.executable, "-c", _CODE, os.pathsep.join(sys.path), os.pathsep, *numbers]
-    # A session of its own: an interrupt at the terminal is for the server, which ends it.
-    return subprocess.Popen(
-        command,
-        stdin=subprocess.DEVNULL,
-        pass_fds=descriptors,
-        start_new_session=True,
-        env={"MALLOC_ARENA_MAX": _ARENAS, **os.environ},
-    )
-
-
-def possible() -> bool:
-    """Whether this system passes descriptors between processes; Windows does not."""
-    return hasattr(socket, "send_fds") and hasattr(signal, "SIGKILL")

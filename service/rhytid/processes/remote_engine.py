@@ -7,9 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
-# Makes the folders that drivers need: those of all processes that come one after another, for they
-# are killed and remove nothing.
-import rhytid.device.driver  # noqa: F401
 from rhytid.device.figures import Figures
 from rhytid.device.memory import usual_frame_memory, usual_host_memory
 from rhytid.engine import call_context

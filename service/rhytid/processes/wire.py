@@ -90,7 +90,8 @@ def close_all(descriptors: Sequence[int]) -> None:
 
 @dataclass(frozen=True)
 class Start:
-    """The first message to a process.
+    """The first message to a process, with the descriptors of the memory for its report and for the
+    counts of what it changes, and of that for its figures.
 
     refused: ids of assets that are not to be built, and why.  log_level: of what it logs; 0 = only
     what Python writes by itself, warnings.  assets: those of the store that are this device's;

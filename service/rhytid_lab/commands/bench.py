@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.cli.options import add_device, add_force, add_json, readable
+from rhytid.cli.options import add_force, add_json, readable
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.service_options import add_device
 from rhytid.cli.skin_options import add_density
 from rhytid.domain.asset_settings import PRESETS
 from rhytid.domain.mesh import Mesh

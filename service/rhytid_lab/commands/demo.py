@@ -12,7 +12,6 @@ from rhytid.cli.options import (
     FRAME_FILES,
     MESH_FILES,
     add_caches,
-    add_device,
     add_json,
     add_mesh,
     add_query,
@@ -21,10 +20,10 @@ from rhytid.cli.options import (
     add_strict,
     add_unit,
     cache_clip,
-    local_settings,
     readable,
 )
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.service_options import add_device, local_settings
 from rhytid.cli.skin_options import add_skin, skin_controls, skin_maps, skin_settings
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import USUAL_UNIT, millimetres

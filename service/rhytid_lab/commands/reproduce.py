@@ -6,8 +6,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.options import add_device, add_json, add_unit, readable
+from rhytid.cli.options import add_json, add_unit, readable
 from rhytid.cli.parser import Commands, new_command
+from rhytid.cli.service_options import add_device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import USUAL_UNIT, millimetres
 from rhytid.support.console import report, share_bar, table, write_json

@@ -1,4 +1,8 @@
-"""Builds assets from what a caller sent, changes them, and makes their maps ahead."""
+"""Builds assets from what a caller sent, changes them, and makes their maps ahead.
+
+What grows and traces skin is imported by the first build: a process of a device need not wait for
+it.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
@@ -34,13 +39,10 @@ from rhytid.pipeline.elements import check_cover
 from rhytid.pipeline.work import DrawLimit
 from rhytid.storage.records import StoredRequest
 from rhytid.storage.store import AssetStore
-from rhytid.synthesis.build_size import BuildSize
-from rhytid.synthesis.generate import Synthesis, synthesize
-from rhytid.synthesis.workspace import Workspace
-from rhytid.tracing.measure import Left, spread
-from rhytid.tracing.mixed import Growth
-from rhytid.tracing.scan import traced_scan
-from rhytid.tracing.trace import Trace
+
+if TYPE_CHECKING:
+    from rhytid.synthesis.generate import Synthesis
+    from rhytid.tracing.trace import Trace
 
 # Share of a build's progress at which the synthesis ends.
 _SYNTHESIS = 0.8
@@ -245,6 +247,9 @@ class AssetBuilder:
     def _traced(
         self, job: Job, asset: Asset, request: StoredRequest, scan: ScanRelief
     ) -> tuple[WrinkleGraph, Residual]:
+        from rhytid.tracing.mixed import Growth
+        from rhytid.tracing.scan import traced_scan
+
         def report(share: float, stage: str) -> None:
             job.progress(_SYNTHESIS * share, f"tracing: {stage}")
 
@@ -260,6 +265,9 @@ class AssetBuilder:
 
     def _left(self, scan: ScanRelief, found: Trace) -> tuple[InputWarning, ...]:
         """Warnings of UDIMs whose lines explain next to nothing."""
+        from rhytid.synthesis.workspace import Workspace
+        from rhytid.tracing.measure import Left, spread
+
         work = Workspace(self._device, self._on_device.run_patiently)
         warnings: list[InputWarning] = []
         for udim, relief in scan.maps.items():
@@ -272,6 +280,9 @@ class AssetBuilder:
         return tuple(warnings)
 
     def _grown(self, job: Job, asset: Asset, request: StoredRequest) -> Synthesis:
+        from rhytid.synthesis.build_size import BuildSize
+        from rhytid.synthesis.generate import synthesize
+
         size = ""
         if asset.expected_wrinkles < MOST_WRINKLES:  # else nobody has counted
             size = str(BuildSize.of(request.mesh, asset.expected_wrinkles))

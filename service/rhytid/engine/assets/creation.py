@@ -33,7 +33,6 @@ from rhytid.pipeline.folds import measured_folds
 from rhytid.pipeline.work import DrawLimit
 from rhytid.storage.records import StoredRequest
 from rhytid.storage.store import AssetStore
-from rhytid.synthesis.capacity import check_amount
 
 Positions = Sequence[NDArray[np.float32]]
 Warnings = tuple[InputWarning, ...]
@@ -97,6 +96,8 @@ class AssetCreation:
             settings.graph.anatomy,
         )  # fmt: skip
         if folds is not None and folds.regions:
+            from rhytid.synthesis.capacity import check_amount
+
             memory = self._device.budget.limit
             check_amount(mesh, settings.graph, upload.new.controls, memory, folds)
         return folds

@@ -25,8 +25,6 @@ from rhytid.errors import InputError, MeshError
 from rhytid.pipeline.elements import check_cover
 from rhytid.pipeline.work import DrawLimit
 from rhytid.storage.asset_ids import asset_id
-from rhytid.synthesis.capacity import check_amount
-from rhytid.tracing.trace import traced_settings
 
 
 @dataclass(frozen=True)
@@ -128,6 +126,8 @@ def _to_trace(new: NewAsset, memory: int) -> tuple[NewAsset, Expressions | None,
 
 
 def _traced_settings(new: NewAsset) -> AssetSettings:
+    from rhytid.tracing.trace import traced_settings
+
     assert new.scan is not None
     filled, settings = new.scan.filled, new.settings
     settings = settings.for_synthesis() if filled else settings.for_graph(None)
@@ -148,6 +148,8 @@ def _settings_of(
 def _to_grow(new: NewAsset, memory: int) -> tuple[NewAsset, Expressions | None, int]:
     """The upload with settings for synthesis, the expressions that lines grow by, and the number of
     wrinkles."""
+    from rhytid.synthesis.capacity import check_amount  # with all that grows skin
+
     settings = new.settings.for_synthesis()
     expressions = expressions_for_lines(settings.graph.lines, new.shapes)
     wrinkles = check_amount(new.mesh, settings.graph, new.controls, memory)

@@ -32,7 +32,7 @@ from rhytid.processes.decoding.words import (
     read_word,
     written,
 )
-from rhytid.processes.device_process import possible
+from rhytid.processes.interpreter import possible
 from rhytid.processes.packing import handed_on
 from rhytid.processes.wire import Message, close_all, readable, receive, send
 
