@@ -79,7 +79,7 @@ class BinnedScene(Scene):
         elements = self.elements(self.udim)
         responder = wrinkle_responder(self.device, self.settings, stretch, R_ALONE)
         found = LineStretches.allocate(self.device, elements)
-        found.fill(self.device, elements, self.settings, responder, "")
+        found.fill(self.device, elements, self.settings, responder)
         return found.ends
 
     def blended(self, positions, model="tensor"):

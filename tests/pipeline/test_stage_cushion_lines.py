@@ -32,7 +32,7 @@ class Lines(Scene):
         for seed in (7, 3):
             stretch = self.stretch(deform(self.mesh.positions, seed, 0.15))
             responder = wrinkle_responder(device, self.settings, stretch, R_ALONE)
-            lines.fill(device, self.found, self.settings, responder, str(seed))
+            lines.fill(device, self.found, self.settings, responder)
         ends = device.read(lines.ends, (self.found.wrinkles + 1, 2), np.float32)
         assert not ends[-1].any()
         return ends[:-1][self.of]

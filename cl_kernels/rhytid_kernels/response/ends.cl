@@ -1,12 +1,11 @@
 // Scales at the two ends of wrinkles that bend, from r of every wrinkle: at an end that another wrinkle
 // continues r goes from its own towards the mean of both, so that a line has no step there. With SHARED
 // wrinkles have shares of the shortening of skin.
+#include "groups.clh"
 #include "response.clh"
 #ifdef SHARED
 #include "shares.clh"
 #endif
-
-#define LANES 16
 
 POWER_OF_TWO(power16, float16, int16)
 
@@ -19,17 +18,18 @@ inline float2 at_ends(__global const float *r, int i, int2 partner, float share)
     return select(own + 0.5f * share * (others - own), own, partner < 0);
 }
 
-// A work-item takes LANES wrinkles. partners: of each at its start and at its end, or NULL.
-// share: of the way to the mean, 0 to 1. sizes: half widths, then weights at both ends; shares: likewise.
-// scales: (sigma_w at the start, at the end, sigma_d likewise).
-__kernel void respond_ends(__global const float *r, __global const int2 *partners, int count,
-                           float share, float width_exponent, float depth_exponent,
+// A work-item takes a group of wrinkles. groups: as in first_in_group. partners: of each at its start
+// and at its end, or NULL. share: of the way to the mean, 0 to 1. sizes: half widths, then weights at
+// both ends; shares: likewise. scales: (sigma_w at the start, at the end, sigma_d likewise).
+__kernel void respond_ends(__global const int *groups, __global const float *r,
+                           __global const int2 *partners, int count, float share,
+                           float width_exponent, float depth_exponent,
 #ifdef SHARED
                            __global const float4 *sizes, __global const float2 *shares,
 #endif
                            __global float4 *scales)
 {
-    int first = get_global_id(0) * LANES;
+    int first = first_in_group(groups);
     float start[LANES], end[LANES], found[4][LANES];
 #ifdef SHARED
     float share_at_start[LANES], share_at_end[LANES], most_at_start[LANES], most_at_end[LANES];
@@ -65,12 +65,13 @@ __kernel void respond_ends(__global const float *r, __global const int2 *partner
             (float4)(found[0][lane], found[1][lane], found[2][lane], found[3][lane]);
 }
 
-// r at both ends, (start, end), of `count` wrinkles, and behind them that of none: 0. partners, share: as in
-// respond_ends.
-__kernel void end_stretches(__global const float *r, __global const int2 *partners, int count,
-                            float share, __global float2 *ends)
+// r at both ends, (start, end), of `count` wrinkles, and behind them that of none: 0. groups, partners,
+// share: as in respond_ends.
+__kernel void end_stretches(__global const int *groups, __global const float *r,
+                            __global const int2 *partners, int count, float share,
+                            __global float2 *ends)
 {
-    int first = get_global_id(0) * LANES;
+    int first = first_in_group(groups);
     for (int i = first; i < min(first + LANES, count); i++) {
         int2 partner = partners ? partners[i] : (int2)(-1);
         ends[i] = at_ends(r, i, partner, share);

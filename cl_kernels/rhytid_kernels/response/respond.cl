@@ -1,8 +1,7 @@
 // Width and depth scales of every wrinkle and pore of a frame (Alg. 1 and 2). A work-item takes LANES
 // of them: stretch is gathered one by one, what follows is vectors.
+#include "groups.clh"
 #include "response.clh"
-
-#define LANES 16
 #define LEAST_SQUARE 1e-30f // below that of any wrinkle: one of no length runs nowhere
 
 POWER_OF_TWO(power16, float16, int16)
@@ -18,15 +17,15 @@ inline void store_scales(float16 r, float width_exponent, float depth_exponent, 
         scales[first + lane] = (float2)(width[lane], depth[lane]);
 }
 
-// triangle: what the centre of each wrinkle samples. jacobians: NULL for angles in UV. stiffness: of
+// groups: as in first_in_group. triangle: what the centre of each wrinkle samples. jacobians: NULL for angles in UV. stiffness: of
 // each wrinkle, or NULL. found: see RESPONSE.
-__kernel void respond_wrinkles(__global const float4 *segments, __global const int *triangle,
-                               __global const float4 *axes, __global const float2 *logs,
-                               __global const float4 *jacobians,
+__kernel void respond_wrinkles(__global const int *groups, __global const float4 *segments,
+                               __global const int *triangle, __global const float4 *axes,
+                               __global const float2 *logs, __global const float4 *jacobians,
                                __global const float *stiffness, int count, float width_exponent,
                                float depth_exponent, __global RESPONSE *found)
 {
-    int first = get_global_id(0) * LANES;
+    int first = first_in_group(groups);
     float square[LANES], along1[LANES], along2[LANES], first_log[LANES], second_log[LANES];
     for (int lane = 0; lane < LANES; lane++) {
         int i = min(first + lane, count - 1), t = triangle[i];
@@ -51,11 +50,12 @@ __kernel void respond_wrinkles(__global const float4 *segments, __global const i
 }
 
 // Of pores. depth_limit: of sigma_d.
-__kernel void respond_pores(__global const int *triangle, __global const float2 *logs,
-                            __global const float *stiffness, int count, float width_exponent,
-                            float depth_exponent, float depth_limit, __global float2 *scales)
+__kernel void respond_pores(__global const int *groups, __global const int *triangle,
+                            __global const float2 *logs, __global const float *stiffness, int count,
+                            float width_exponent, float depth_exponent, float depth_limit,
+                            __global float2 *scales)
 {
-    int first = get_global_id(0) * LANES;
+    int first = first_in_group(groups);
     float r[LANES];
     for (int lane = 0; lane < LANES; lane++) {
         int i = min(first + lane, count - 1);

@@ -21,6 +21,7 @@ from rhytid.pipeline.cells import CellLists, Lists
 from rhytid.pipeline.copies import OriginBuffers, Origins, copied, copies_last, skews_of
 from rhytid.pipeline.cushion_layer import BroadLayer, CushionArrays, narrow_weight
 from rhytid.pipeline.event_elements import EventArrays, EventElements, around_events
+from rhytid.pipeline.nearby import NearbyElements
 from rhytid.pipeline.reach import (
     SCALE_LIMIT,
     Bends,
@@ -247,7 +248,7 @@ class UdimElements:
 
     work: of drawing any square of them.  pace, bins_pace, cushion_pace: at which that goes, of what
     a frame shows, of one precomputed map, and of one of the broad layer.  events: None where there
-    are none.  wrinkle_rows: of the graph, and behind them -1.
+    are none.  wrinkle_rows: of the graph, and behind them -1.  nearby: what a square needs.
     """
 
     def __init__(
@@ -260,6 +261,9 @@ class UdimElements:
     ) -> None:
         self.wrinkles, self.pores = len(wrinkles.segments), len(pores.centres)
         self.work = work_of(wrinkles, pores, events)
+        self.nearby = NearbyElements(
+            wrinkles.lists, pores.lists, self.wrinkles, wrinkles.partners, broad_lists(wrinkles)
+        )
         paces = (DrawingPace(device.work_pace) for _ in range(3))
         self.pace, self.bins_pace, self.cushion_pace = paces
         self.segments = device.upload(wrinkles.segments)
@@ -428,9 +432,14 @@ def work_of(
     wrinkles: WrinkleArrays, pores: PoreArrays, events: EventArrays | None = None
 ) -> MapWork:
     """The work of drawing the wrinkles, pores and events of a UDIM."""
-    broad = None if wrinkles.cushion is None else (wrinkles.cushion.lists, wrinkles.cushion.factor)
     lists = [wrinkles.lists, pores.lists, *(() if events is None else (events.lists,))]
-    return MapWork(*lists, cushion=broad)
+    return MapWork(*lists, cushion=broad_lists(wrinkles))
+
+
+def broad_lists(wrinkles: WrinkleArrays) -> tuple[CellLists, int] | None:
+    """The lists of the broad layer and texels per sample of it; None where there is none."""
+    broad = wrinkles.cushion
+    return None if broad is None else (broad.lists, broad.factor)
 
 
 def _with_none(rows: NDArray[np.int32] | None) -> NDArray[np.int32]:

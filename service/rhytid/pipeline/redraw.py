@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,24 +19,37 @@ from rhytid.pipeline.copies import OriginBuffers
 from rhytid.pipeline.cushion import draw_cushion
 from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.levels import Draw
+from rhytid.pipeline.nearby import Groups, NearbyGroups
 from rhytid.pipeline.reach import response_defines
 from rhytid.pipeline.stretch import StretchBuffers
-from rhytid.pipeline.vectors import VECTOR
-from rhytid.pipeline.work import BLOCK
+from rhytid.pipeline.work import BLOCK, Square
 
 # The defines of kernels that find r of wrinkles, and no scales (RESPONSE of line_kinds.clh).
 R_ALONE = {"BENT": 1}
-# Fills the response, scales or r, of so many elements from their places, triangles and stiffness.
-Responder = Callable[[int, Buffer, Buffer, Buffer | None, Buffer], None]
+
+
+class Responder(Protocol):
+    """Launches Alg. 1 or Alg. 2."""
+
+    def __call__(
+        self, count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer,
+        groups: Groups | None = None,
+    ) -> None:  # fmt: skip
+        """Fill the response, scales or r, of `count` elements from their places, triangles and
+        stiffness.  groups: those that are wanted; None: all."""
 
 
 @dataclass(frozen=True)
 class ScaleBuffers(BufferGroup):
     """(σ_w, σ_d) of each wrinkle and pore of a UDIM in one frame, on the device. Of a wrinkle that
-    bends it is σ_w at both ends, then σ_d at both."""
+    bends it is σ_w at both ends, then σ_d at both.
+
+    filled: squares whose elements have them; None: all.
+    """
 
     wrinkles: Buffer
     pores: Buffer
+    filled: set[Square | None] = field(default_factory=set, init=False)
 
     @classmethod
     def allocate(cls, device: Device, elements: UdimElements) -> ScaleBuffers:
@@ -55,11 +68,13 @@ class LineStretches(BufferGroup):
     fresh memory takes as long as what is written to it.
 
     ends: (K + 1, 2) float32 at both ends, then that of none, 0.
-    frame: digest of the frame that they are of; "" for none.
+    frame: digest of the frame that they are of; "" for none.  filled: squares whose wrinkles have
+    it; None: all.
     """
 
     ends: Buffer
     frame: str = ""
+    filled: set[Square | None] = field(default_factory=set, init=False)
 
     @classmethod
     def allocate(cls, device: Device, elements: UdimElements) -> LineStretches:
@@ -72,25 +87,25 @@ class LineStretches(BufferGroup):
         elements: UdimElements,
         settings: AssetSettings,
         wrinkles: Responder,
-        frame: str,
+        near: NearbyGroups | None = None,
     ) -> None:
         """Alg. 1 finds r in the middle; `response.ends` says how far ends go to that of the next.
 
-        wrinkles: launches Alg. 1 with the defines R_ALONE.
+        wrinkles: launches Alg. 1 with the defines R_ALONE.  near: what is wanted; None: all.
         """
-        self.frame = ""  # until all of it is written
         count = elements.wrinkles
         given = (elements.segments, elements.wrinkle_triangle, elements.wrinkle_stiffness)
         r = device.empty(count, np.float32)  # in the middle of each
-        wrinkles(count, *given, r)
+        wrinkles(count, *given, r, None if near is None else near.answering)
         take_over(device, elements.wrinkle_origins, wrinkles, r, R_ALONE)
+        wanted = Groups.of(count + 1) if near is None else near.wrinkles
         device.launch(
-            "ends", "end_stretches", (count // VECTOR + 1,),
-            r, elements.partners, np.int32(count), np.float32(settings.response.ends),
-            self.ends, defines=response_defines(settings.response.soft_limits),
+            "ends", "end_stretches", (wanted.count,),
+            wanted.numbers, r, elements.partners, np.int32(count),
+            np.float32(settings.response.ends), self.ends,
+            defines=response_defines(settings.response.soft_limits),
         )  # fmt: skip
         r.release()
-        self.frame = frame
 
     @property
     def _buffers(self) -> tuple[Buffer, ...]:
@@ -102,10 +117,18 @@ def respond(
 ) -> ScaleBuffers:
     """Alg. 1 for every wrinkle and Alg. 2 for every pore."""
     scales = ScaleBuffers.allocate(device, elements)
+    respond_nearby(device, elements, settings, scales, stretch, None)
+    return scales
+
+
+def respond_nearby(
+    device: Device, elements: UdimElements, settings: AssetSettings, scales: ScaleBuffers,
+    stretch: StretchBuffers, near: NearbyGroups | None,
+) -> None:  # fmt: skip
+    """Fill the scales of the wrinkles and pores that are wanted; None: of all."""
     wrinkles = wrinkle_responder(device, settings, stretch, elements.response_defines)
     pores = pore_responder(device, settings, stretch)
-    respond_with(device, elements, settings, scales, wrinkles, pores)
-    return scales
+    respond_with(device, elements, settings, scales, wrinkles, pores, near)
 
 
 def wrinkle_responder(
@@ -121,12 +144,14 @@ def wrinkle_responder(
     response, limits = settings.response, response_defines(settings.response.soft_limits)
 
     def wrinkles(
-        count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer
-    ) -> None:
+        count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer,
+        groups: Groups | None = None,
+    ) -> None:  # fmt: skip
+        wanted = groups or Groups.of(count)
         device.launch(
-            "respond", "respond_wrinkles", (-(-count // VECTOR),),
-            places, triangle, stretch.axes, stretch.logs, stretch.jacobians, stiff, np.int32(count),
-            np.float32(response.alpha_w), np.float32(response.alpha_d), into,
+            "respond", "respond_wrinkles", (wanted.count,),
+            wanted.numbers, places, triangle, stretch.axes, stretch.logs, stretch.jacobians, stiff,
+            np.int32(count), np.float32(response.alpha_w), np.float32(response.alpha_d), into,
             defines={**limits, **defines},
         )  # fmt: skip
 
@@ -138,11 +163,13 @@ def pore_responder(device: Device, settings: AssetSettings, stretch: StretchBuff
     response, defines = settings.response, response_defines(settings.response.soft_limits)
 
     def pores(
-        count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer
-    ) -> None:
+        count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer,
+        groups: Groups | None = None,
+    ) -> None:  # fmt: skip
+        wanted = groups or Groups.of(count)
         device.launch(
-            "respond", "respond_pores", (-(-count // VECTOR),),
-            triangle, stretch.logs, stiff, np.int32(count),
+            "respond", "respond_pores", (wanted.count,),
+            wanted.numbers, triangle, stretch.logs, stiff, np.int32(count),
             np.float32(response.beta_w), np.float32(response.beta_d),
             np.float32(response.pore_depth_limit), into,
             defines=defines,
@@ -158,21 +185,23 @@ def respond_with(
     scales: ScaleBuffers,
     wrinkles: Responder,
     pores: Responder,
+    near: NearbyGroups | None = None,
 ) -> None:
     """Fill the scales of the elements of a UDIM; those of copies are the scales of their originals.
 
-    wrinkles, pores: launch the kernel that finds the response of each kind.
+    wrinkles, pores: launch the kernel that finds the response of each kind.  near: what is wanted;
+    None: all.
     """
-    with _wrinkle_scales(device, elements, settings, scales) as found:
+    with _wrinkle_scales(device, elements, settings, scales, near) as found:
         wrinkles(
             elements.wrinkles, elements.segments, elements.wrinkle_triangle,
-            elements.wrinkle_stiffness, found,
+            elements.wrinkle_stiffness, found, None if near is None else near.answering,
         )  # fmt: skip
         defines = elements.response_defines
         take_over(device, elements.wrinkle_origins, wrinkles, found, defines)
     pores(
         elements.pores, elements.centres, elements.pore_triangle, elements.pore_stiffness,
-        scales.pores,
+        scales.pores, None if near is None else near.pores,
     )  # fmt: skip
     take_over(device, elements.pore_origins, pores, scales.pores, NO_DEFINES)
 
@@ -197,8 +226,9 @@ def take_over(
 
 @contextmanager
 def _wrinkle_scales(
-    device: Device, elements: UdimElements, settings: AssetSettings, scales: ScaleBuffers
-) -> Iterator[Buffer]:
+    device: Device, elements: UdimElements, settings: AssetSettings, scales: ScaleBuffers,
+    near: NearbyGroups | None,
+) -> Iterator[Buffer]:  # fmt: skip
     """The buffer that kernels launched in the block write to: the scales of wrinkles; or, where
     wrinkles bend, r of each, from which the scales at their ends are made when the block ends."""
     if not elements.bent:
@@ -207,10 +237,12 @@ def _wrinkle_scales(
     response, r = settings.response, device.empty(elements.wrinkles, np.float32)
     shares = () if elements.shares is None else (elements.sizes, elements.shares)
     yield r
+    wanted = Groups.of(elements.wrinkles) if near is None else near.wrinkles
     device.launch(
-        "ends", "respond_ends", (-(-elements.wrinkles // VECTOR),),
-        r, elements.partners, np.int32(elements.wrinkles), np.float32(response.ends),
-        np.float32(response.alpha_w), np.float32(response.alpha_d), *shares, scales.wrinkles,
+        "ends", "respond_ends", (wanted.count,),
+        wanted.numbers, r, elements.partners, np.int32(elements.wrinkles),
+        np.float32(response.ends), np.float32(response.alpha_w), np.float32(response.alpha_d),
+        *shares, scales.wrinkles,
         defines={**response_defines(response.soft_limits), **({"SHARED": 1} if shares else {})},
     )  # fmt: skip
     r.release()

@@ -18,6 +18,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.locate import UdimTriangles
+from rhytid.pipeline.nearby import Groups
 from rhytid.pipeline.reach import response_defines
 from rhytid.pipeline.redraw import Responder, ScaleBuffers, respond_with
 from rhytid.pipeline.stretch import StretchBuffers
@@ -142,8 +143,10 @@ def smooth_wrinkle_responder(
     limits = response_defines(response.soft_limits)
 
     def wrinkles(
-        count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer
-    ) -> None:
+        count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer,
+        groups: Groups | None = None,
+    ) -> None:  # fmt: skip
+        assert groups is None  # each at its own point: all are found at once
         device.launch(
             "smooth", "respond_smooth_wrinkles", (count,),
             places, triangle, texels, *fields.arguments(located), fields.neutral, stiff,
@@ -161,8 +164,10 @@ def smooth_pore_responder(
     response, texels = settings.response, np.float32(settings.resolution)
 
     def pores(
-        count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer
-    ) -> None:
+        count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer,
+        groups: Groups | None = None,
+    ) -> None:  # fmt: skip
+        assert groups is None  # each at its own point: all are found at once
         device.launch(
             "smooth", "respond_smooth_pores", (count,),
             places, triangle, texels, *fields.arguments(located), stiff,

@@ -273,7 +273,7 @@ class FrameBench:
         if self._lines is None:
             self._lines = LineStretches.allocate(self.device, self._elements)
         responder = wrinkle_responder(self.device, self.settings, self._frame, R_ALONE)
-        self._lines.fill(self.device, self._elements, self.settings, responder, "")
+        self._lines.fill(self.device, self._elements, self.settings, responder)
         return self._lines.ends
 
     def _draw_neutral(self) -> None:

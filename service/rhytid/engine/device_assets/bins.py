@@ -157,7 +157,8 @@ class DeviceBins:
         """float32 of level-0 tiles of one UDIM, blended for a frame."""
         blend, model, udim = self._base.blend, query.stretch, addresses[0].udim
         tiles = self._tiles(addresses)
-        lines = self._frames.line_stretches(frame, query, udim)
+        alone = self._base.square(addresses[0]) if len(addresses) == 1 else None
+        lines = self._frames.line_stretches(frame, query, udim, alone)
         if query.sampling == "smooth":
             fields, located = self._frames.fields(frame, model), self._base.located[udim]
             made = [blend.smooth_tile(maps, fields, located, lines) for maps in tiles]

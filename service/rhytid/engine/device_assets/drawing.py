@@ -78,8 +78,15 @@ class DeviceDrawing:
 
     def _lines(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
         """Draws wrinkles and pores of a frame, without grain."""
-        base, scales = self._base, self._frames.scales(frame, query, udim)
-        return redrawing(base.device, base.elements[udim], base.settings, scales)
+        base = self._base
+
+        def draw(row: int, column: int, side: int) -> Buffer:
+            scales = self._frames.scales(frame, query, udim, (row, column, side))
+            return redrawing(base.device, base.elements[udim], base.settings, scales)(
+                row, column, side
+            )
+
+        return draw
 
     def _convolved(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
         def draw(row: int, column: int, side: int) -> Buffer:

@@ -3,6 +3,7 @@ triangles, events, and grain."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -27,12 +28,13 @@ from rhytid.pipeline.grain import (
     tiles_of_square,
 )
 from rhytid.pipeline.levels import Draw
+from rhytid.pipeline.nearby import NearbyGroups
 from rhytid.pipeline.redraw import (
     R_ALONE,
     LineStretches,
     Responder,
     ScaleBuffers,
-    respond,
+    respond_nearby,
     wrinkle_responder,
 )
 from rhytid.pipeline.smooth import SmoothFields, respond_smooth, smooth_wrinkle_responder
@@ -83,8 +85,11 @@ class DeviceFrames:
             make=lambda: base.smooth.run(self.stretch(frame, model), limit, soft),
         )  # fmt: skip
 
-    def scales(self, frame: Frame, query: MapQuery, udim: int) -> ScaleBuffers:
-        """Width and depth scales of wrinkles and pores."""
+    def scales(
+        self, frame: Frame, query: MapQuery, udim: int, square: Square | None = None
+    ) -> ScaleBuffers:
+        """Width and depth scales of wrinkles and pores.  square: of level 0, of whose elements they
+        are wanted; None: of all."""
         base, model, sampling = self._base, query.stretch, query.sampling
         device, elements, settings = base.device, base.elements[udim], base.settings
 
@@ -92,14 +97,23 @@ class DeviceFrames:
             if sampling == "smooth":
                 fields = self.fields(frame, model)
                 return respond_smooth(device, elements, base.located[udim], settings, fields)
-            return respond(device, elements, settings, self.stretch(frame, model))
+            return ScaleBuffers.allocate(device, elements)
 
-        return base.cache.keep_of(frame, "scales", udim, model, sampling, make=make)
+        found: ScaleBuffers = base.cache.keep_of(frame, "scales", udim, model, sampling, make=make)
 
-    def line_stretches(self, frame: Frame, query: MapQuery, udim: int) -> Buffer | None:
+        def fill(near: NearbyGroups | None) -> None:
+            respond_nearby(device, elements, settings, found, self.stretch(frame, model), near)
+
+        if sampling != "smooth":
+            self._fill(found.filled, udim, square, fill)
+        return found
+
+    def line_stretches(
+        self, frame: Frame, query: MapQuery, udim: int, square: Square | None = None
+    ) -> Buffer | None:
         """Log stretch at the ends of wrinkles, by which the fast method blends their broad layer;
         None where there is none. It is that of this frame until others are asked for, as many as
-        _LINE_FRAMES."""
+        _LINE_FRAMES.  square: as of `scales`."""
         base, key = self._base, (udim, query.stretch, query.sampling)
         device, elements, settings = base.device, base.elements[udim], base.settings
         if elements.cushion is None:
@@ -109,9 +123,36 @@ class DeviceFrames:
             "lines", *key, place, make=partial(LineStretches.allocate, device, elements)
         )
         if found.frame != frame.digest:
+            found.frame = frame.digest
+            found.filled.clear()
+
+        def fill(near: NearbyGroups | None) -> None:
             responder = self._lines_alone(frame, query, udim)
-            found.fill(device, elements, settings, responder, frame.digest)
+            found.fill(device, elements, settings, responder, near)
+
+        square = None if query.sampling == "smooth" else square
+        self._fill(found.filled, udim, square, fill)
         return found.ends
+
+    def _fill(
+        self,
+        filled: set[Square | None],
+        udim: int,
+        square: Square | None,
+        fill: Callable[[NearbyGroups | None], None],
+    ) -> None:
+        """Fill what elements of a square answer to a frame, unless it is there. A tile or less is
+        filled alone, so that it need not wait for the rest; of more all is."""
+        base, near = self._base, None
+        if square and not square[2] <= base.tile_side < base.settings.resolution:
+            square = None
+        if None in filled or square in filled:
+            return
+        if square is not None:
+            make = partial(base.elements[udim].nearby.of, base.device, square)
+            near = base.cache.keep("nearby", udim, *square, make=make)
+        fill(near)
+        filled.add(square)
 
     def _place_of(self, frame: Frame, key: tuple[Any, ...]) -> int:
         """The number of the buffer that a frame has or takes over, for one key."""

@@ -1,0 +1,133 @@
+"""Which wrinkles and pores a square of a map needs, so that a tile of a new frame does not wait
+until those of the whole map have answered to the stretch.
+
+They are counted in groups of VECTOR, which kernels of respond.cl and ends.cl take at once: elements
+of a graph that follow one another lie side by side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.buffer import Buffer, BufferGroup
+from rhytid.device.runtime import Device
+from rhytid.pipeline.cells import CellLists
+from rhytid.pipeline.vectors import VECTOR
+from rhytid.pipeline.work import BLOCK, Square
+
+Numbers = NDArray[np.int32]
+# Of the number of an element, that say which of its group it is: a shift takes half of a division.
+_BITS = VECTOR.bit_length() - 1
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Numbers of so many groups of elements, int32 on the device; None: all, in order."""
+
+    count: int
+    numbers: Buffer | None = None
+
+    @classmethod
+    def of(cls, elements: int) -> Groups:
+        """All groups of so many elements."""
+        return cls(-(-elements // VECTOR))
+
+
+@dataclass(frozen=True)
+class NearbyGroups(BufferGroup):
+    """The groups that a square needs.
+
+    wrinkles: of those that may be drawn there, and of the none behind the last.  answering: these,
+    and those of wrinkles that continue them, from whose stretch theirs follows.  pores: of those
+    that may be drawn there.
+    """
+
+    wrinkles: Groups
+    answering: Groups
+    pores: Groups
+
+    @property
+    def _buffers(self) -> tuple[Buffer | None, ...]:
+        return self.wrinkles.numbers, self.answering.numbers, self.pores.numbers
+
+
+class NearbyElements:
+    """The groups of each block of a UDIM."""
+
+    def __init__(
+        self,
+        wrinkles: CellLists,
+        pores: CellLists,
+        count: int,
+        partners: Numbers | None,
+        cushion: tuple[CellLists, int] | None = None,
+    ) -> None:
+        """wrinkles, pores: lists by block.  count: K wrinkles.  partners (K, 2): as of
+        WrinkleArrays.  cushion: lists of the broad layer, and texels per sample of it."""
+        self._lists, self._pores = [(_grouped(wrinkles), BLOCK)], _grouped(pores)
+        if cushion is not None:
+            self._lists.append((_grouped(cushion[0]), BLOCK * cushion[1]))
+        self._count, (self._offsets, self._partners) = count, _of_partners(partners)
+
+    def of(self, device: Device, square: Square) -> NearbyGroups:
+        """The groups of a square of level 0."""
+        drawn = _united([_in_square(lists, square, side) for lists, side in self._lists])
+        answering = _united([drawn, self._beside(drawn)])
+        none = np.array([self._count // VECTOR], np.int32)
+        pores = _united([_in_square(self._pores, square, BLOCK)])
+        found = (_united([drawn, none]), answering, pores)
+        return NearbyGroups(*(Groups(len(some), device.upload(some)) for some in found))
+
+    def _beside(self, groups: Numbers) -> Numbers:
+        """The groups of wrinkles that continue those of some groups."""
+        if not len(self._partners):
+            return self._partners
+        first, last = self._offsets[groups], self._offsets[groups + 1]
+        counts = last - first
+        at = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
+        found: Numbers = self._partners[at]
+        return found
+
+
+def _grouped(lists: CellLists) -> CellLists:
+    """Lists of groups in place of their elements."""
+    groups, offsets = lists.members >> _BITS, lists.offsets
+    fresh = np.ones(len(groups) + 1, bool)
+    np.not_equal(groups[1:], groups[:-1], out=fresh[1:-1])
+    fresh[offsets] = True  # each cell begins anew
+    before = np.concatenate([[0], np.cumsum(fresh[:-1])]).astype(np.int32)
+    return CellLists(lists.cells, before[offsets], groups[fresh[:-1]])
+
+
+def _of_partners(partners: Numbers | None) -> tuple[Numbers, Numbers]:
+    """The groups of the partners of each group, but for itself: offsets, and numbers."""
+    if partners is None:
+        return np.zeros(1, np.int32), np.zeros(0, np.int32)
+    other = partners >> _BITS  # -1 where there is none
+    apart = other != (np.arange(len(partners), dtype=np.int32) >> _BITS)[:, None]
+    apart &= other >= 0
+    begins = np.arange(0, apart.size, 2 * VECTOR)
+    counts = np.add.reduceat(apart.reshape(-1), begins, dtype=np.int32)
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int32), other[apart]
+
+
+def _in_square(lists: CellLists, square: Square, side: int) -> Numbers:
+    """The members of the cells, of `side` texels a side, that a square lies in."""
+    row, column, texels = square
+    left, right = (
+        np.clip(at, 0, lists.cells) for at in (column // side, -(-(column + texels) // side))
+    )
+    rows = range(max(row // side, 0), min(-(-(row + texels) // side), lists.cells))
+    ends = ((lists.offsets[y * lists.cells + x] for x in (left, right)) for y in rows)
+    return np.concatenate([np.zeros(0, np.int32), *(lists.members[a:b] for a, b in ends)])
+
+
+def _united(parts: list[Numbers]) -> Numbers:
+    """Each number of some parts once, in order."""
+    every = np.concatenate(parts)
+    found = np.zeros(int(every.max(initial=-1)) + 1, bool)
+    found[every] = True
+    return np.flatnonzero(found).astype(np.int32)

@@ -1,0 +1,163 @@
+"""Tiles of a frame before all of its wrinkles and pores have answered to it: the bits of the map,
+in any order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from engine.engines import BINNED, REDRAW, built, running
+from engine.test_engine_grain import asset_of
+from meshes import deform
+from pipeline.scenes import random_graph, settings_of, sheet
+from rhytid.device.runtime import Device
+from rhytid.domain.graph import ORIGINAL, WrinkleGraph
+from rhytid.domain.tiles import MapAddress, TileAddress
+from rhytid.engine.device_assets.asset import DeviceAsset
+from rhytid.engine.engine import Engine
+from rhytid.engine.frames import Frame
+from rhytid.engine.messages import MapQuery, NewAsset
+
+LINES, COPIES, TILE = 600, 20, 64
+# More than have memory for r of lines at a time.
+FRAMES = [Frame.of(deform(sheet().positions, seed, 0.15)) for seed in range(3, 9)]
+ADDRESSES = [TileAddress(1001, 0, row, column) for row in range(4) for column in range(4)]
+BEST = {"preset": "best", "bins": {"r_max": 0.15}}
+CHOICES = {"best": BEST, "paper": {"shape": {"cushion": 0.7}, "bins": {"r_max": 0.15}}}
+
+
+def orderly(span: float = 1.0) -> WrinkleGraph:
+    """Short lines, those that follow one another side by side, which continue others at random that
+    are not far in that order; some of the last are copies of the first."""
+    graph = random_graph(5, LINES, (0.003, 0.008), (0.01, 0.05), span)
+    across, up = (4 * graph.node_uv[:LINES] / span).T
+    order = np.lexsort((across % 1, up.astype(int), across.astype(int)))
+    random, pores = np.random.default_rng(6), np.concatenate([order, order + LINES])
+    near = np.arange(LINES)[:, None] + random.integers(-40, 40, (LINES, 2))
+    copy_of = np.full(LINES, ORIGINAL, np.int32)
+    copy_of[-COPIES:] = np.arange(COPIES)
+    return replace(
+        graph,
+        node_uv=graph.node_uv[pores],
+        edge_weight=np.maximum(graph.edge_weight, 0.3),
+        edge_slopes=random.uniform(-0.3, 0.3, (LINES, 2)).astype(np.float32),
+        edge_end_half_widths=np.repeat(graph.edge_half_width[:, None], 2, 1),
+        edge_end_weights=random.uniform(0.3, 1.0, (LINES, 2)).astype(np.float32),
+        edge_partners=np.where((near >= 0) & (near < LINES), near, -1).astype(np.int32),
+        edge_share=random.uniform(0.5, 2.0, LINES).astype(np.float32),
+        edge_copy_of=copy_of,
+    )
+
+
+def tile_of(asset: DeviceAsset, frame: Frame, query: MapQuery, at: TileAddress) -> bytes:
+    return asset.finest.tiles(frame, query, [at])[0].tobytes()
+
+
+@pytest.fixture
+def unknown(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No float of fresh memory is a number."""
+    empty = Device.empty
+
+    def poisoned(self: Device, count: int, dtype: Any) -> Any:
+        if dtype is np.float32:
+            return self.full(count, np.float32(np.nan))
+        return empty(self, count, dtype)
+
+    monkeypatch.setattr(Device, "empty", poisoned)
+
+
+@pytest.fixture(scope="module", params=list(CHOICES))
+def choice(request: pytest.FixtureRequest) -> dict[str, Any]:
+    found: dict[str, Any] = CHOICES[request.param]
+    return found
+
+
+@pytest.fixture(scope="module")
+def wanted(device: Device, choice: dict[str, Any]) -> dict[tuple[int, str], np.ndarray[Any, Any]]:
+    """Maps of one tile, whose elements answer all at once."""
+    asset = asset_of(device, lines=orderly(), tile_size=256, **choice)
+    at = TileAddress(1001, 0, 0, 0)
+    found = {
+        (n, query.method): asset.finest.tiles(frame, query, [at])[0]
+        for n, frame in enumerate(FRAMES)
+        for query in (REDRAW, BINNED)
+    }
+    asset.release()
+    return found
+
+
+@pytest.mark.usefixtures("unknown")
+@pytest.mark.parametrize("query", [REDRAW, BINNED], ids=["redraw", "binned"])
+def test_tiles_in_any_order_are_those_of_the_map(device, choice, wanted, query):
+    asset = asset_of(device, lines=orderly(), tile_size=TILE, **choice)
+    random = np.random.default_rng(7)
+    order = [(n, at) for at in ADDRESSES for n in range(len(FRAMES))]
+    for n, at in [order[i] for i in random.permutation(len(order))]:
+        rows, columns = (slice(TILE * i, TILE * i + TILE) for i in (at.row, at.column))
+        crop = wanted[n, query.method][rows, columns]
+        assert tile_of(asset, FRAMES[n], query, at) == crop.tobytes()
+    asset.release()
+
+
+@pytest.mark.usefixtures("unknown")
+def test_elements_that_are_far_from_a_tile_have_not_answered(device):
+    asset = asset_of(device, lines=orderly(), tile_size=TILE, **BEST)
+    at, elements = ADDRESSES[5], asset.mesh.elements[1001]
+    square = asset.mesh.square(at)
+    ends = asset.frames.line_stretches(FRAMES[0], BINNED, 1001, square)
+    scales = asset.frames.scales(FRAMES[0], REDRAW, 1001, square)
+    assert not device.read(ends, (elements.wrinkles + 1, 2), np.float32)[-1].any()
+    counts = (2 * (elements.wrinkles + 1), 4 * elements.wrinkles, 2 * elements.pores)
+    for buffer, count in zip((ends, scales.wrinkles, scales.pores), counts, strict=True):
+        assert 0.05 < np.isfinite(device.read(buffer, (count,), np.float32)).mean() < 0.7
+    asset.frames.line_stretches(FRAMES[0], BINNED, 1001)
+    asset.frames.scales(FRAMES[0], REDRAW, 1001)
+    for buffer, count in zip((ends, scales.wrinkles, scales.pores), counts, strict=True):
+        assert np.isfinite(device.read(buffer, (count,), np.float32)).all()
+    asset.release()
+
+
+@pytest.fixture
+def engines(tmp_path: Path) -> Iterator[tuple[Engine, Engine]]:
+    with running(tmp_path / "one") as one, running(tmp_path / "other") as other:
+        yield one, other
+
+
+@pytest.mark.usefixtures("unknown")
+def test_clients_at_once_get_tiles_of_every_udim_and_level(engines: tuple[Engine, Engine]) -> None:
+    mesh = sheet(udims=2)
+    new = NewAsset(mesh, settings_of(**CHOICES["best"]), orderly(2.0))
+    first, second = (built(engine, new) for engine in engines)
+    frames = [Frame.of(deform(mesh.positions, seed, 0.15)) for seed in (1, 2)]
+    asked = [
+        (frame, query, TileAddress(udim, level, row, column))
+        for frame in frames
+        for query in (REDRAW, BINNED)
+        for udim in (1001, 1012)
+        for level in (0, 1)
+        for row in range(4 >> level)
+        for column in range(4 >> level)
+    ]
+    wanted = {
+        (frame.digest, query, udim, level): engines[0]
+        .tiles.draw(first, frame, query, MapAddress(udim, level))
+        .tile
+        for frame in frames
+        for query in (REDRAW, BINNED)
+        for udim in (1001, 1012)
+        for level in (0, 1)
+    }
+    order = np.random.default_rng(8).permutation(len(asked))
+    with ThreadPoolExecutor(8) as pool:
+        found = pool.map(lambda i: engines[1].tiles.draw(second, *asked[i]).tile, order)
+        for i, tile in zip(order, found, strict=True):
+            frame, query, at = asked[i]
+            rows, columns = (slice(TILE * n, TILE * n + TILE) for n in (at.row, at.column))
+            whole = wanted[frame.digest, query, at.udim, at.level]
+            assert tile.tobytes() == whole[rows, columns].tobytes()
