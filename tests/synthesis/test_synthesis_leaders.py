@@ -14,12 +14,20 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.expressions import ENOUGH, Folds
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.skin import wear
 from rhytid.synthesis import leader_courses
 from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.generate import Synthesis, synthesize
-from rhytid.synthesis.leader_families import FROWN_LEFT, FROWN_RIGHT, LONGEST, PREFERRED, SHORTEST
+from rhytid.synthesis.leader_families import (
+    CROSSING,
+    FROWN_LEFT,
+    FROWN_RIGHT,
+    LONGEST,
+    PREFERRED,
+    SHORTEST,
+)
 from rhytid.synthesis.leaders import LeaderPores, Leaders, leaders_of, unit_length
 from rhytid.synthesis.painted_fields import fields_of
 from rhytid.synthesis.patches import Patches
@@ -134,7 +142,9 @@ def test_level_ones_cross_those_of_another_fold(device: Device) -> None:
     both = np.zeros((len(MESH.positions), 6), np.float32)
     both[:, 0], both[:, 1] = 0.15**2, 0.12**2
     found = Folds(both, ENOUGH, {"forehead": np.ones(len(both), np.float32)})
-    _, pores = traced(device, MESH, found)
+    leaders, pores = traced(device, MESH, found)
+    crossing = leaders.courses.wishes.family[leaders.row] == CROSSING.number
+    assert 41.0 < ((leaders.last - leaders.first)[crossing] * CROSSING.pace).max() <= 60.0
     ways = [line[-1] - line[0] for line in lines_of(pores)]
     level = np.array([abs(way[0]) > 2 * abs(way[1]) for way in ways])
     upright = np.array([abs(way[1]) > 2 * abs(way[0]) for way in ways])
@@ -296,6 +306,28 @@ def test_over_a_strip_of_skin_the_mean_share_is_1(device: Device) -> None:
             assert (mass * share)[here].sum() == pytest.approx(mass[here].sum(), rel=0.16)
     assert share.max() > 1.3
     assert share.min() < 0.9
+
+
+def test_what_leaders_take_fades_to_their_ends(device: Device) -> None:
+    """Pressed skin would make cuts of ends that take as much as the middle."""
+    settings = GraphSettings(wrinkles=COUNT, patches=0.0, events=0.0, strength=4.0)
+    graph = synthesize(MESH, settings, device, folds=folds()).graph
+    more, weight = graph.edge_share - 1.0, graph.edge_weight
+    leads = more > 0.0
+    middle, ends = (more[leads & of] for of in (weight > 0.6, weight < 0.15))
+    assert min(len(middle), len(ends)) > 30
+    assert ends.mean() < 0.4 * middle.mean()
+
+
+@pytest.mark.parametrize(("age", "broader"), [(20.0, 1.0), (50.0, 1.36), (65.0, 1.8)])
+def test_old_leaders_are_broader(device: Device, age: float, broader: float) -> None:
+    graphs = [
+        synthesize(MESH, GraphSettings(wrinkles=COUNT, age=at), device, folds=folds()).graph
+        for at in (35.0, age)
+    ]
+    every = (1.1 * 1.3**0.9) ** wear(age)  # all lines are, by region and by fold
+    width = [g.edge_half_width[g.edge_share > 1.02].mean() for g in graphs]
+    assert width[1] / width[0] == pytest.approx(broader * every, rel=0.08)
 
 
 def test_pores_stay_apart_around_leaders(device: Device) -> None:

@@ -34,8 +34,9 @@ class Old:
     strength: of the depth of lines.  pore_strength: of the depth of pores.  anisotropy: of how far
     lines keep to one direction.  scale: of the width of wrinkles.  pore_radius: of the radius of
     pores.  contrast: of the power of strengths; above 1 faint lines fade, and the deep ones that
-    are left stand farther apart.  grain: of the micro relief between lines.  patchiness: of how far
-    patches differ; before 35 they differ as at 35.
+    are left stand farther apart.  grain: of the micro relief between lines.  undulation: of the
+    broad swells, beside that they deepen as lines do.  patchiness: of how far patches differ. Of
+    both, before 35 they are as at 35.
     """
 
     strength: float = 1.25
@@ -45,6 +46,7 @@ class Old:
     pore_radius: float = 1.1
     contrast: float = 1.25
     grain: float = 1.5
+    undulation: float = 1.0
     patchiness: float = 1.0
 
 
@@ -98,7 +100,7 @@ REGIONS: dict[str, Region] = {
         patchiness=2.2,
         leading=1.3,
         crossed=1.3,
-        old=Old(strength=1.2, contrast=1.3, grain=1.3, patchiness=0.4),
+        old=Old(strength=1.2, contrast=1.3, grain=1.3, undulation=0.55, patchiness=0.4),
     ),
     # Led by large pores; a fine net of rhombi without much of a direction, faint.
     "cheek": Region(
@@ -197,7 +199,12 @@ REGIONS: dict[str, Region] = {
 ANATOMIES = FINE, COARSE = ("fine", "coarse")
 # What regions are where the mouth is none of its own, beside undulation and folds of 1.
 _COARSE: dict[str, dict[str, Any]] = {
-    "forehead": {"strength": 1.25, "pore_strength": 1.0, "patchiness": 2.6},
+    "forehead": {
+        "strength": 1.25,
+        "pore_strength": 1.0,
+        "patchiness": 2.6,
+        "old": Old(strength=1.2, contrast=1.3, grain=1.3, patchiness=0.4),
+    },
     "cheek": {"strength": 0.8},
     "nose": {"strength": 0.45, "pore_strength": 3.0, "pore_radius": 1.7, "patchiness": 0.9},
     "lip": {
@@ -261,6 +268,7 @@ def aged(region: Region, age: float) -> Region:
         pore_radius=region.pore_radius * old.pore_radius**share,
         contrast=region.contrast * old.contrast**share,
         grain=region.grain * old.grain**share / depth_factor(age),
+        undulation=region.undulation * old.undulation ** max(share, 0.0),
         patchiness=region.patchiness * old.patchiness ** max(share, 0.0),
     )
 

@@ -73,12 +73,13 @@ CROSSING = Family(
     lambda f, *place: f.crossing(*place),
     _level,
     number=1,
-    shortest=12.0,
-    longest=40.0,
+    shortest=14.0,
+    longest=60.0,
     apart=4.5,
     farther=2.0,
     least=0.6,
     winding=((0.12, 9.0), (0.2, 2.2)),
+    uneven=0.2,
 )
 RINGS = Family(
     lambda f, *place: f.rings(*place),
@@ -114,7 +115,7 @@ FROWN_LEFT = Family(
     crossed=False,
     single=True,
     winding=((0.16, 12.0), (0.18, 3.0)),
-    uneven=0.36,
+    uneven=0.2,
 )
 FROWN_RIGHT = replace(
     FROWN_LEFT, number=4, leading=lambda f, *place: np.maximum(-f.frown(*place), 0.0)

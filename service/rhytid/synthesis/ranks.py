@@ -28,16 +28,19 @@ _WORN = np.float32(3.0)
 # Weight of the deepest leader at rest, before factors of the skin; half widths, in those of a line
 # of strength 1, of the faintest leader and of the deepest.
 _DEEPEST = 0.5
-# Factors of these at 65, for leaders are what expressions leave behind; and of the weight of others
-# where skin folds one way. Below 35 a factor of its own is taken to a negative power: leaders are
-# fainter there, and what is between them is less quiet, but weaker for its age.
-_OLD, _OLD_OTHERS, _YOUNG_OTHERS = 2.4, 0.55, 0.75
+# Factors of these at 65, for leaders are what expressions leave behind: they are deeper and, so that
+# their sides are no steeper, broader. The same of the weight of others where skin folds one way.
+# Below 35 a factor of its own is taken to a negative power: leaders are fainter there, and what is
+# between them is less quiet, but weaker for its age; their width is that of 35.
+_OLD, _YOUNG, _OLD_BROAD = 1.9, 2.4, 1.8
+_OLD_OTHERS, _YOUNG_OTHERS = 0.55, 0.75
 _NARROW, _BROAD = 0.6, 1.25
 # How far other lines are fainter: beside a leader, and where skin folds one way; how far from a
 # leader, in pore spacings, the first ends.
 _BESIDE, _FOLDED, _REACH = 0.3, 0.5, 4.0
-# Share of the shortening that a leader takes, of what it would take by itself, at rank 1, and how
-# much less one of weight 1 takes; what others are left at least, of what they would take; how far
+# Share of the shortening that a leader takes in its middle, of what it would take by itself, at rank
+# 1, and how much less one of weight 1 takes. It fades to the ends as the depth does, for pressed
+# skin would make cuts of them. What others are left at least, of what they would take; how far
 # leaders take it from, in pore spacings.
 _TAKES, _DEEP_TAKES, _LEFT, _STRIP = 2.2, 0.6, 0.2, 5.0
 _TINY = np.float32(1e-6)
@@ -52,14 +55,15 @@ class Ranks:
     weight (E,) float32: of leaders, before factors of the skin; 0 of other edges.  most (E,)
     float32: the largest factor of the skin of leaders: with it one is as deep as lines can be in
     its middle, and tapers from there as others do; infinite of other edges.  width (E,) float32:
-    half widths of leaders, in pore spacings.  quiet (N,) float32: factor of the weight of other
-    lines at each pore.  of_pores (N,) float32: factor of the depth of the pores.  rank: the
-    setting.
+    half widths of leaders, in pore spacings.  profile (E,) float32: of leaders, from 0 at their ends
+    to 1; 0 of other edges.  quiet (N,) float32: factor of the weight of other lines at each pore.
+    of_pores (N,) float32: factor of the depth of the pores.  rank: the setting.
     """
 
     weight: Singles
     most: Singles
     width: Singles
+    profile: Singles
     quiet: Singles
     of_pores: Singles
     rank: float
@@ -79,20 +83,22 @@ class Ranks:
         """
         rank, worn = settings.rank, wear(settings.age)
         edge, depth, size, profile = _edges_along(net, leaders)
-        weight, width = (np.zeros(len(net.edges), np.float32) for _ in range(2))
+        weight, width, run = (np.zeros(len(net.edges), np.float32) for _ in range(3))
         most = np.full(len(net.edges), np.inf, np.float32)
-        middle = _DEEPEST * _OLD**worn * min(rank, 1.0) * depth / np.maximum(profile, _TINY)
+        deepest = _DEEPEST * (_OLD if worn > 0.0 else _YOUNG) ** worn
+        middle = deepest * min(rank, 1.0) * depth / np.maximum(profile, _TINY)
         middle = np.clip(middle, _TINY, 1.0)
         weight[edge], most[edge] = middle * profile, 1.0 / middle
         broad = min(rank, 1.0) * (_NARROW + (_BROAD - _NARROW) * size)
-        width[edge] = WIDE * broad
+        width[edge] = WIDE * broad * _OLD_BROAD ** max(worn, 0.0)
+        run[edge] = np.minimum(profile, 1.0)
         near = _nearness(net, leaders, _REACH * spacing)
         leading = leading_any_way(fields, net.pores.triangle, net.pores.uv)
         quiet = (1.0 - _BESIDE * near) * (1.0 - _FOLDED * leading)
         quiet *= (_OLD_OTHERS if worn > 0.0 else _YOUNG_OTHERS) ** (worn * leading)
         of_pores = np.ones(len(net.pores), np.float32)
         of_pores[net.first] = _BEADS ** min(rank, 1.0)
-        return cls(weight, most, width, (quiet**rank).astype(np.float32), of_pores, rank)
+        return cls(weight, most, width, run, (quiet**rank).astype(np.float32), of_pores, rank)
 
     @property
     def leads(self) -> NDArray[np.bool_]:
@@ -121,6 +127,7 @@ class Ranks:
         """(W,) shares of W lines; over a strip of skin their mean by mass is 1."""
         leads = self.leads[strips.edge]
         takes = (_TAKES - 1.0 - _DEEP_TAKES * strips.weight) * self.rank
+        takes *= self.profile[strips.edge]
         more = np.where(leads, strips.mass * takes, 0.0)
         taken, given = _given(strips, leads, more)
         ends = strips.pores
