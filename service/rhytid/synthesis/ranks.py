@@ -28,9 +28,9 @@ _WORN = np.float32(3.0)
 # Weight of the deepest leader at rest, before factors of the skin; half widths, in those of a line
 # of strength 1, of the faintest leader and of the deepest.
 _DEEPEST = 0.5
-# Factors of these at 65, for leaders are what expressions leave behind: they are deeper and, so that
-# their sides are no steeper, broader. The same of the weight of others where skin folds one way.
-# Below 35 a factor of its own is taken to a negative power: leaders are fainter there, and what is
+# Factors of these at 65, for leaders are what expressions leave behind: they are deeper and, lest
+# their sides be steeper, broader. The same of the weight of others where skin folds one way. Below
+# 35 a factor of its own is taken to a negative power: leaders are fainter there, and what lies
 # between them is less quiet, but weaker for its age; their width is that of 35.
 _OLD, _YOUNG, _OLD_BROAD = 1.9, 2.4, 1.8
 _OLD_OTHERS, _YOUNG_OTHERS = 0.55, 0.75
@@ -38,10 +38,10 @@ _NARROW, _BROAD = 0.6, 1.25
 # How far other lines are fainter: beside a leader, and where skin folds one way; how far from a
 # leader, in pore spacings, the first ends.
 _BESIDE, _FOLDED, _REACH = 0.3, 0.5, 4.0
-# Share of the shortening that a leader takes in its middle, of what it would take by itself, at rank
-# 1, and how much less one of weight 1 takes. It fades to the ends as the depth does, for pressed
-# skin would make cuts of them. What others are left at least, of what they would take; how far
-# leaders take it from, in pore spacings.
+# Share of the shortening that a leader takes in its middle, of what it would take by itself, at
+# rank 1, and how much less one of weight 1 takes. It fades to the ends as the depth does, for
+# pressed skin would make cuts of them. What others are left at least, of what they would take; how
+# far leaders take it from, in pore spacings.
 _TAKES, _DEEP_TAKES, _LEFT, _STRIP = 2.2, 0.6, 0.2, 5.0
 _TINY = np.float32(1e-6)
 # Pores on a leader would be beads on a string: of their depth is left.
@@ -55,7 +55,7 @@ class Ranks:
     weight (E,) float32: of leaders, before factors of the skin; 0 of other edges.  most (E,)
     float32: the largest factor of the skin of leaders: with it one is as deep as lines can be in
     its middle, and tapers from there as others do; infinite of other edges.  width (E,) float32:
-    half widths of leaders, in pore spacings.  profile (E,) float32: of leaders, from 0 at their ends
+    half widths of leaders, in pore spacings.  profile (E,) float32: of leaders, from 0 at both ends
     to 1; 0 of other edges.  quiet (N,) float32: factor of the weight of other lines at each pore.
     of_pores (N,) float32: factor of the depth of the pores.  rank: the setting.
     """
