@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -12,7 +14,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.synthesis.edges import crossings
 from rhytid.synthesis.incidence import independent_set
 from rhytid.synthesis.seams.charts import BORDER, neighbours, trace
-from rhytid.synthesis.surface import Points, Surface
+from rhytid.synthesis.surface import FloatArray, Points, Surface
 from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets
 
@@ -114,6 +116,33 @@ def test_lines_as_long_as_the_whole_cross_too(device: Device, size: float) -> No
     with Workspace(device) as work:
         found = crossings(work, points, np.array([[0, 2], [1, 3]], np.int32), length)
     assert np.sort(found, axis=1).tolist() == [[0, 1]]
+
+
+@pytest.mark.parametrize("lines", [60, 900])
+def test_crossings_are_those_of_every_pair(device: Device, lines: int) -> None:
+    """Few lines between many pores, and so many between few that each has hundreds near it."""
+    rng = np.random.default_rng(lines)
+    place = np.append(rng.random((70, 2)), np.zeros((70, 1)), axis=1)
+    points = Points(np.zeros(70, int), place[:, :2], place, np.tile([0.0, 0.0, 1.0], (70, 1)))
+    every = np.stack(np.triu_indices(70, 1), axis=1)
+    nodes = every[np.sort(rng.choice(len(every), lines, replace=False))].astype(np.int32)
+    length = np.linalg.norm(place[nodes[:, 0]] - place[nodes[:, 1]], axis=-1)
+    with Workspace(device) as work:
+        found = crossings(work, points, nodes, length.astype(np.float32))
+    wanted = [
+        [one, two]
+        for one, two in combinations(range(lines), 2)
+        if not set(nodes[one]) & set(nodes[two]) and _cross(place[nodes[one]], place[nodes[two]])
+    ]
+    assert len(wanted) > lines
+    assert sorted(np.sort(found, axis=1).tolist()) == wanted
+
+
+def _cross(one: FloatArray, two: FloatArray) -> bool:
+    def sides(line: FloatArray, ends: FloatArray) -> FloatArray:
+        return np.asarray(np.cross(line[1] - line[0], ends - line[0])[:, 2])
+
+    return bool(sides(one, two).prod() < 0 and sides(two, one).prod() < 0)
 
 
 # The rounds of the greedy independent set give what the loop gives.

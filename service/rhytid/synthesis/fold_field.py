@@ -17,14 +17,17 @@ from numpy.typing import NDArray
 from rhytid.domain.expressions import Folds, form
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.skin import USUAL_AGE, fold_factor_log
+from rhytid.support import cancellation
 from rhytid.synthesis.fields import Factors, level_directions
 from rhytid.synthesis.progress import row_blocks
 from rhytid.synthesis.surface import FloatArray, Surface, cross, unit
 
 ComplexArray = NDArray[np.complex128]
-# (F, 5): what a value at the corners of a triangle is at (u, v), as slopes along both and at the
+# (5, F): what a value at the corners of a triangle is at (u, v), as slopes along both and at the
 # origin; and the least and the most at its corners.
 Planes = NDArray[np.float64]
+# Points at a time: what is computed on the way stays in the cache.
+_ROWS = 8192
 # Root mean square log compression that counts as strong folding: three quarters of the largest
 # possible.
 FOLDED = 0.10
@@ -125,13 +128,19 @@ class FoldField:
     def at(self, planes: Planes, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """(N,) values at points, kept within those of the corners also where a point lies
         outside."""
+        cancellation.check()
         found = np.empty(len(triangle), np.float32)
-        for rows in row_blocks(len(triangle)):
-            chosen, where = planes[triangle[rows]], uv[rows]
-            value = chosen[:, 0] * where[:, 0]
-            value += chosen[:, 1] * where[:, 1]
-            value += chosen[:, 2]
-            found[rows] = np.clip(value, chosen[:, 3], chosen[:, 4])
+        for start in range(0, len(triangle), _ROWS):
+            rows = slice(start, start + _ROWS)
+            at = triangle[rows].astype(np.intp)
+            along, across, value, least, most = (plane.take(at) for plane in planes)
+            along *= uv[rows, 0]
+            across *= uv[rows, 1]
+            along += across
+            value += along
+            np.maximum(value, least, out=value)
+            np.minimum(value, most, out=value)
+            found[rows] = value
         return found
 
     def blended_with(self, other: Factors, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -177,11 +186,11 @@ class FoldField:
         area = cross(one, two)
         area = np.where(area == 0, np.inf, area)
         rise = corners[:, 1:] - corners[:, :1]
-        planes = np.empty((len(corners), 5))
-        planes[:, 0] = (rise[:, 0] * two[:, 1] - rise[:, 1] * one[:, 1]) / area
-        planes[:, 1] = (rise[:, 1] * one[:, 0] - rise[:, 0] * two[:, 0]) / area
-        planes[:, 2] = corners[:, 0] - (planes[:, :2] * uv[:, 0]).sum(axis=1)
-        planes[:, 3], planes[:, 4] = corners.min(axis=1), corners.max(axis=1)
+        planes = np.empty((5, len(corners)))
+        planes[0] = (rise[:, 0] * two[:, 1] - rise[:, 1] * one[:, 1]) / area
+        planes[1] = (rise[:, 1] * one[:, 0] - rise[:, 0] * two[:, 0]) / area
+        planes[2] = corners[:, 0] - (planes[0] * uv[:, 0, 0] + planes[1] * uv[:, 0, 1])
+        planes[3], planes[4] = corners.min(axis=1), corners.max(axis=1)
         return planes
 
 

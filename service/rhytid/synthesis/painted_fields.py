@@ -358,6 +358,8 @@ class PaintedFields(Fields):
     ) -> Factors:
         """Values of the regions, mixed: painted masks count first, then those of folds, by the
         planes that `_mixed` has of these values; the rest is the region of the settings."""
+        if not self._regions and planes is not None and self._folds is not None:
+            return self._folds.at(planes, triangle, uv)
         total, mixed = np.zeros(len(triangle), np.float32), np.zeros(len(triangle), np.float32)
         for region in self._regions:
             weight = self._maps[region].at(triangle, uv, neutral=NEUTRALS[region])

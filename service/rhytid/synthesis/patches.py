@@ -122,7 +122,8 @@ class Patches:
         """(F, 9) `_planes` as the field of a salt lies in the table, in single precision: 1e-4 of a
         cell at most on a face. That of the last is kept: densities are asked for at millions of
         places one after the other."""
-        if self._laid is None or self._laid[0] != salt:
+        known = self._laid
+        if known is None or known[0] != salt:
             rows = placement(self._seed, salt)
             # One by one: a matrix product may round a row by where in the array it is.
             laid = np.stack(
@@ -132,8 +133,8 @@ class Patches:
                 ]
             )
             laid[2] += np.array(rows)[:, 3:]
-            self._laid = salt, np.ascontiguousarray(laid.reshape(9, -1).T, np.float32)
-        return self._laid[1]
+            known = self._laid = salt, np.ascontiguousarray(laid.reshape(9, -1).T, np.float32)
+        return known[1]
 
 
 def _deviations(name: str, amount: Factors) -> Factors:

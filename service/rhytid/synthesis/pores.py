@@ -21,7 +21,7 @@ from rhytid.synthesis.hashes import Words, random4, triangle_keys
 from rhytid.synthesis.incidence import KEPT, until_decided
 from rhytid.synthesis.lattice import Grid, Lattice, empty_lists, spatial_order
 from rhytid.synthesis.pore_density import PACKING, densities, effective_area, spacings
-from rhytid.synthesis.progress import Progress
+from rhytid.synthesis.progress import Progress, over_rows
 from rhytid.synthesis.surface import FloatArray, Points, Surface, unit
 from rhytid.synthesis.workspace import Workspace
 
@@ -320,9 +320,16 @@ class Darts:
         """Factors of darts, and their triangles, -1 for those on bare skin."""
         triangle = self._work.read(self._made["triangle"], (count,), np.int32)
         uv = self._work.read(self._made["uv"], (count, 2), np.float32)
-        known = np.maximum(triangle, 0)
-        triangle = np.where(self._fields.bare(known, uv), np.int32(-1), triangle)
-        return spacings(self._fields, known, uv), triangle
+        factor = np.empty(count, np.float32)
+
+        def look_up(rows: slice) -> None:
+            known = np.maximum(triangle[rows], 0)
+            factor[rows] = spacings(self._fields, known, uv[rows])
+            if self._fields.some_bare:
+                triangle[rows][self._fields.bare(known, uv[rows])] = -1
+
+        over_rows(count, look_up)
+        return factor, triangle
 
 
 def shared_out(
