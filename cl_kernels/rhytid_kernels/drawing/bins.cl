@@ -101,7 +101,7 @@ __kernel void draw_pore_layer(__global const float2 *centres, __global const flo
     sums_t sums = sums_of_drawings(place, memory);
     int block = place.block;
     for (int k = 0; k < STRETCHES; k++)
-        DRAW_PORES(drawing_of(sums, k), shape, members, offsets[block], offsets[block + 1],
-                   scaled_pore(roots[i], stretches[k].xy, least), centres[i] - place.corner);
+        DRAW_PORES(drawing_of(sums, k), shape, members, offsets[block], offsets[block + 1], roots,
+                   centres, stretches[k].xy, place.corner, least);
     write_maps(sums, place, shape, depth, stretches, 0.0f, maps, codes);
 }

@@ -49,6 +49,6 @@ __kernel void redraw(LINES, __global const SIZES *wrinkle_scales,
     DRAW_LINES(sums, shape, wrinkle_members, wrinkle_offsets[block], wrinkle_offsets[block + 1], true,
                sizes[i] * wrinkle_scales[i], place.corner, least);
     DRAW_PORES(sums, shape, pore_members, pore_offsets[block], pore_offsets[block + 1],
-               scaled_pore(roots[i], pore_scales[i], least), centres[i] - place.corner);
+               roots, centres, pore_scales[i], place.corner, least);
     WRITE_ROWS(sums, place, shape, depth, out);
 }
