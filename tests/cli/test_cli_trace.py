@@ -13,6 +13,7 @@ import pytest
 import scipy
 from numpy.typing import NDArray
 from PIL import Image
+from safetensors.numpy import load_file
 
 from exr_images import exr
 from meshes import SmallMesh
@@ -204,6 +205,26 @@ def test_grown_skin_fills_in_what_is_masked_out(
     chart = inside(traced.mesh)
     assert off[:, 160:][chart[:, 160:]].max() < 0.5 * STEP
     assert np.median(off[:, :90][chart[:, :90]]) > 100 * STEP
+
+
+def test_told_where_skin_has_nothing_to_fill(
+    traced: Traced, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is the scan without grown lines, which settings with grain draw without any."""
+    out = tmp_path / "traced"
+    given = (traced.mesh, traced.scan, "--scale", RANGE, "--out", out, "--fill", 0.5)
+    assert trace(*given) == 0
+    assert "scan-fill: UDIM 1001: skin is to fill in" in capsys.readouterr().err
+    graph, alone = (load_file(folder / "graph.safetensors") for folder in (out, traced.out))
+    assert not graph.pop("node_grain").any()
+    assert not graph.pop("node_undulation").any()
+    assert {name: array.tobytes() for name, array in graph.items()} == {
+        name: array.tobytes() for name, array in alone.items()
+    }
+    found = neutral_map(traced.mesh, out, tmp_path) + read_exr(out / "residual.1001.exr")[0]
+    with Image.open(traced.scan) as image:
+        off = np.abs(found - (np.asarray(image, np.float64) / 65535 - 0.5) * RANGE)
+    assert off[inside(traced.mesh)].max() < 0.5 * STEP
 
 
 def test_a_mask_without_a_place_is_told_how_masks_are_named(tmp_path: Path) -> None:

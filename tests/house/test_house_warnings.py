@@ -38,6 +38,7 @@ NUMBERS = {
     limits.SCAN_MIRRORED: (f"more than {limits.FLIP_MARGIN:g}",),
     limits.SCAN_SEAMS: (f"more than {limits.SEAM_SHARE:g} of",),
     limits.SCAN_LINES: (f"more than {limits.LINES_LEFT:g} of",),
+    limits.SCAN_FILL: (),
 }
 
 

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from rhytid.device.runtime import Device
     from rhytid.domain.mesh import Mesh
     from rhytid.domain.residual import ScanRelief
+    from rhytid.domain.warnings import InputWarning
     from rhytid.tracing.measure import Left
     from rhytid.tracing.trace import Trace
 
@@ -93,7 +94,7 @@ def run(arguments: argparse.Namespace) -> None:
         device = open_device(arguments)
         start = time.monotonic()
         found = _traced(device, scan)
-        warnings.add(w for udim, left in found.left.items() for w in left.warnings(udim))
+        warnings.add(found.warnings)
         warnings.refuse()
         out: Path = arguments.out
         _write(out, device, scan, found)
@@ -143,11 +144,12 @@ def _read(arguments: argparse.Namespace, warnings: RunWarnings) -> _Scan:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What was traced.  settings: of the scan.  left: of each UDIM."""
+    """What was traced.  settings: of the scan.  left: of each UDIM.  warnings: of all of it."""
 
     trace: Trace
     settings: AssetSettings
     left: dict[int, Left]
+    warnings: tuple[InputWarning, ...]
 
     def figures(self) -> dict[str, Any]:
         """For JSON; lengths in mesh units."""
@@ -171,7 +173,7 @@ def _traced(device: Device, scan: _Scan) -> _Found:
     """Trace the scan as the build of an asset does, and measure what was found."""
     from rhytid.synthesis.workspace import Workspace
     from rhytid.tracing.measure import Left
-    from rhytid.tracing.scan import traced_scan
+    from rhytid.tracing.scan import fill_warnings, traced_scan
 
     with share_bar("tracing") as show:
         found = traced_scan(device, scan.mesh, scan.relief, scan.settings, show)
@@ -181,7 +183,8 @@ def _traced(device: Device, scan: _Scan) -> _Found:
             udim: Left.of(work, scan.relief.maps[udim], found.residual[udim], inside)
             for udim, inside in sorted(found.charts.items())
         }
-    return _Found(found, scan.settings, left)
+    of_lines = (warning for udim, one in left.items() for warning in one.warnings(udim))
+    return _Found(found, scan.settings, left, (*fill_warnings(scan.relief, found), *of_lines))
 
 
 def _write(out: Path, device: Device, scan: _Scan, found: _Found) -> None:

@@ -30,6 +30,7 @@ SCAN_FLAT = "scan-flat"
 SCAN_MIRRORED = "scan-mirrored"
 SCAN_SEAMS = "scan-seams"
 SCAN_LINES = "scan-lines"
+SCAN_FILL = "scan-fill"
 CODES = (
     UV_OVERLAP,
     UV_MIRRORED,
@@ -50,6 +51,7 @@ CODES = (
     SCAN_MIRRORED,
     SCAN_SEAMS,
     SCAN_LINES,
+    SCAN_FILL,
 )
 
 # uv-overlap: share of the covered UV area that lies under two triangles or more. Layouts have
@@ -332,6 +334,17 @@ WARNINGS: dict[str, Meaning] = {
         (
             "look at `trace.png`; trace at more texels (`--resolution`), from 16 bits or floats, "
             "and see that scale and `--flip` are right; a scan of broad forms alone has no lines"
+        ),
+    ),
+    SCAN_FILL: Meaning(
+        "a traced scan",
+        (
+            "grown skin is to fill in (`--fill`, `scan.fill`), and the scan is flat, masked out or "
+            "missing nowhere: none has grown"
+        ),
+        (
+            "black out what the scan shall not give (`--scan-mask`), leave out the map of a UDIM, "
+            "or leave the setting out"
         ),
     ),
 }

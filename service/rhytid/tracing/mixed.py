@@ -66,6 +66,11 @@ class ScanShares:
 
     cells: Mapping[int, Shares]
 
+    @property
+    def all_scan(self) -> bool:
+        """Whether the scan counts in full everywhere."""
+        return all((cells == 1.0).all() for cells in self.cells.values())
+
     @classmethod
     def of(cls, device: Device, mesh: Mesh, scan: ScanRelief, resolution: int) -> ScanShares:
         """Those of a scan with a border, by the distance in space from where it is denied."""
@@ -77,6 +82,8 @@ class ScanShares:
             places[udim] = _places(mesh, udim, shown(device, mesh, udim, side, _AROUND))
             denied[udim] = denied_of(scan, udim, side)
             rims.append(places[udim][_rim(denied[udim], inside)])
+        if not any(map(len, rims)):
+            return cls({udim: np.ones((side, side), np.float32) for udim in places})
         tree = scipy.spatial.cKDTree(np.concatenate(rims))
         return cls({u: _shares(tree, places[u], denied[u], scan.border) for u in places})
 
@@ -136,7 +143,13 @@ def mixed(
         share = shares.texels(udim, settings.resolution)
         residual[udim] = share * (map - rest)
         charts[udim] = found.charts[udim] & (share == 1.0)
-    return replace(found, graph=whole, residual=residual, charts=charts)
+    return replace(found, graph=whole, residual=residual, charts=charts, grown=True)
+
+
+def without_grain(graph: WrinkleGraph) -> WrinkleGraph:
+    """A traced graph, which settings with grain draw without any."""
+    none = np.zeros(graph.pores, np.float32)
+    return replace(graph, node_grain=none, node_undulation=none)
 
 
 def _places(mesh: Mesh, udim: int, triangles: NDArray[np.int32]) -> NDArray[np.float32]:
@@ -170,12 +183,9 @@ def _shares(
     there = np.isfinite(places[..., 0])
     found = np.zeros(denied.shape, np.float32)
     asked = there & ~denied
-    if tree.n:
-        far, _ = tree.query(places[asked], distance_upper_bound=border)
-        along = np.minimum(far / border, 1.0)
-        found[asked] = along * along * (3.0 - 2.0 * along)
-    else:
-        found[asked] = 1.0
+    far, _ = tree.query(places[asked], distance_upper_bound=border)
+    along = np.minimum(far / border, 1.0)
+    found[asked] = along * along * (3.0 - 2.0 * along)
     near = scipy.ndimage.distance_transform_edt(~there, return_distances=False, return_indices=True)
     filled: Shares = found[tuple(near)]
     return filled
@@ -183,8 +193,7 @@ def _shares(
 
 def _of_scan(graph: WrinkleGraph, shares: ScanShares) -> Arrays:
     """The arrays of what was traced, as deep as the scan counts, and without grain."""
-    none = np.zeros(graph.pores, np.float32)
-    return _faded(replace(graph, node_grain=none, node_undulation=none), shares.nodes(graph))
+    return _faded(without_grain(graph), shares.nodes(graph))
 
 
 def _of_grown(

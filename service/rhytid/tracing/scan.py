@@ -13,6 +13,7 @@ from rhytid.domain.lengths import usual_spacing
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.residual import ScanRelief
 from rhytid.domain.tiles import mesh_udims
+from rhytid.domain.warnings import SCAN_FILL, InputWarning
 from rhytid.errors import InputError
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.progress import Progress, part, silent
@@ -20,7 +21,7 @@ from rhytid.synthesis.workspace import Caller, Workspace, directly
 from rhytid.tracing.detail import with_detail
 from rhytid.tracing.fit import drawn_neutral
 from rhytid.tracing.measure import depth_of, fine_part
-from rhytid.tracing.mixed import Growth, ScanShares, denied_of, mixed
+from rhytid.tracing.mixed import Growth, ScanShares, denied_of, mixed, without_grain
 from rhytid.tracing.trace import Relief, Trace, TraceSettings, charted, trace, traced_settings
 
 # How much of the work is done when skin is grown that fills in.
@@ -67,6 +68,18 @@ def traced_scan(
     return found
 
 
+def fill_warnings(scan: ScanRelief, found: Trace) -> tuple[InputWarning, ...]:
+    """scan-fill, where skin was to fill in and found no place."""
+    if found.grown or not scan.filled:
+        return ()
+    detail = (
+        "skin is to fill in where the scan is flat, masked out or missing, and it is so nowhere: "
+        "none has grown"
+    )
+    udims = ", ".join(map(str, sorted(scan.maps)))
+    return (InputWarning(SCAN_FILL, detail, f"UDIM {udims}"),)
+
+
 def _filled(
     device: Device,
     mesh: Mesh,
@@ -79,6 +92,9 @@ def _filled(
     """Trace a scan, and let skin grow where there is none."""
     progress(0.0, "measuring")
     shares = ScanShares.of(device, mesh, scan, settings.resolution)
+    if shares.all_scan:
+        found = traced_scan(device, mesh, replace(scan, border=0.0), settings, progress, call)
+        return replace(found, graph=without_grain(found.graph))
     maps, charts = _counting(device, mesh, scan, settings, shares)
     settings = settings.for_synthesis()
     grown = synthesize(

@@ -78,7 +78,7 @@ class Trace:
     graph: with copies at seams.  residual: (R, R) float32 of each UDIM, mesh units: the scan less
     what the graph draws at rest, there and outside of charts.  left: for each UDIM what was left
     within charts after each step of the fit, as of `Fitted`.  noise: of each UDIM, from texel to
-    texel.  charts: `charted` of each UDIM.
+    texel.  charts: `charted` of each UDIM.  grown: whether grown skin fills in.
     """
 
     graph: WrinkleGraph
@@ -86,6 +86,7 @@ class Trace:
     left: dict[int, list[float]]
     noise: dict[int, float]
     charts: dict[int, NDArray[np.bool_]]
+    grown: bool = False
 
 
 @dataclass(frozen=True)

@@ -248,7 +248,7 @@ class AssetBuilder:
         self, job: Job, asset: Asset, request: StoredRequest, scan: ScanRelief
     ) -> tuple[WrinkleGraph, Residual]:
         from rhytid.tracing.mixed import Growth
-        from rhytid.tracing.scan import traced_scan
+        from rhytid.tracing.scan import fill_warnings, traced_scan
 
         def report(share: float, stage: str) -> None:
             job.progress(_SYNTHESIS * share, f"tracing: {stage}")
@@ -258,7 +258,7 @@ class AssetBuilder:
                 self._device, request.mesh, scan, request.settings, report,
                 self._on_device.run_patiently, Growth(request.controls, request.folds),
             )  # fmt: skip
-            asset.warnings += self._left(scan, found)
+            asset.warnings += (*fill_warnings(scan, found), *self._left(scan, found))
         for udim in asset.udims:
             check_cover(found.graph, request.settings, udim, self._limit)
         return found.graph, Residual.of(found.residual)
