@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from formats.writers import SQUARE, SQUARE_ARRAYS, SQUARE_UV, obj, same_mesh
 from rhytid.errors import LimitError, MeshError
+from rhytid.formats import obj as module
 from rhytid.formats.obj import read_obj, read_obj_positions, split_statements
 
 PLAIN = """\
@@ -283,3 +284,59 @@ def test_statements_may_interleave_while_each_kind_keeps_its_order(shuffler: ran
     shuffler.shuffle(kinds)
     mixed = "\n".join(next(queues[kind]) for kind in kinds)
     same_mesh(read_obj(mixed.encode()), *SQUARE_ARRAYS)
+
+
+USUAL = {
+    "plain": PLAIN,
+    "normals": PLAIN.replace("1/1", "1/1/1").replace("/2 ", "/2/1 ").replace("3/3", "3/3/2")
+    .replace("4/4", "4/4/2"),
+    "groups": "# of a program\nmtllib x.mtl\no face\n" + PLAIN.replace("f", "vn 0 0 1\nf"),
+    "quads": PLAIN.replace(FIRST + "\nf 1/1 3/3 4/4", FIRST + " 4/4"),
+    "ends of lines": PLAIN.replace("\n", "\r\n"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("text", USUAL.values(), ids=USUAL)
+def test_usual_files_are_not_read_statement_by_statement(
+    text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "split_statements", None)
+    same_mesh(read_obj(text.encode()), *SQUARE_ARRAYS)
+    np.testing.assert_array_equal(read_obj_positions(text.encode()), SQUARE)
+
+
+def found(data: bytes) -> list[object]:
+    """The arrays of a mesh, or what is said of the file."""
+    try:
+        mesh = read_obj(data)
+    except (LimitError, MeshError) as error:
+        return [type(error), str(error)]
+    return [mesh.positions.tolist(), mesh.faces.tolist(), mesh.uv.tolist(), mesh.face_uv.tolist()]
+
+
+LINES = st.sampled_from(
+    [*PLAIN.splitlines(), *USUAL["normals"].splitlines(), "vn 0 0 1", "v 1 2", "v 1e39 0 0",
+     "vt 1e39 0", "f 1/1 -1/2 3/3", "f 1/1 2/2 9/9", "f 1/1 2/2 0/1", "f 1//2 2/2 3/3", "", " ",
+     "g", "v", "vt", "f", "x 1", "v 1 0 0 1", "f 1/1 2/2 3/3/3", "v\x0b1 0 0", "vn\x0b1"]
+)  # fmt: skip
+
+
+@given(st.lists(LINES, max_size=4), st.lists(LINES, max_size=3))
+def test_together_and_one_by_one_are_the_same(before: list[str], after: list[str]) -> None:
+    data = "\n".join([*before, *PLAIN.splitlines(), *after]).encode()
+    together = found(data)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "_usual_mesh", lambda data: None)
+        assert found(data) == together
+
+
+def test_many_lines_are_matched_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_BYTES_AT_ONCE", 20)
+    monkeypatch.setattr(module, "split_statements", None)
+    same_mesh(read_obj(PLAIN.encode()), *SQUARE_ARRAYS)
+
+
+def test_what_is_too_much_is_read_statement_by_statement(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("rhytid.formats.obj.MAX_NUMBERS", "rhytid.formats.limits.MAX_NUMBERS"):
+        monkeypatch.setattr(name, 11)
+    assert module._usual_mesh(PLAIN.encode()) is None

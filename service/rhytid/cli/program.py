@@ -9,7 +9,7 @@ import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING
 
 from rhytid import __version__
 from rhytid.cli.parser import Commands, Parser, is_for_job
@@ -20,6 +20,9 @@ from rhytid.storage.lock import known_as
 from rhytid.support.build_identity import drawing_version, revision
 from rhytid.support.console import Verbosity, make_place, openjd_line, use_verbosity
 from rhytid.support.settings import misspelt_variables
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 # Modules of this package, each with the command of its name, in the order of the help.
 COMMANDS = tuple(SUMMARIES)
@@ -116,6 +119,8 @@ def _program() -> tuple[Parser, Commands]:
 def _others() -> dict[str, EntryPoint]:
     """The commands of other packages. By name: an installed package beside one on PYTHONPATH lists
     each twice."""
+    from importlib.metadata import entry_points  # which takes a tenth of a short command
+
     return {entry.name: entry for entry in entry_points(group=GROUP)}
 
 

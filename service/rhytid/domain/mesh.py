@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -94,18 +95,32 @@ class Mesh:
         if not self.usable_triangles().any():
             raise MeshError("no triangle has area both in space and in UV")
 
+    def __getstate__(self) -> dict[str, Any]:
+        """The arrays, without what was found of them: processes send meshes to each other."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
+
     def usable_triangles(self) -> NDArray[np.bool_]:
-        """(F,) true where a triangle has area both in space and in UV."""
-        usable = self.triangles_with_uv()
-        for part in in_parts(len(usable)):
-            usable[part] &= has_area(self.positions[self.faces[part]].astype(np.float64))
-        return usable
+        """(F,) true where a triangle has area both in space and in UV; read-only."""
+        return self._usable
 
     def triangles_with_uv(self) -> NDArray[np.bool_]:
-        """(F,) true where a triangle has area in UV, whatever it has in space."""
+        """(F,) true where a triangle has area in UV, whatever it has in space; read-only."""
+        return self._with_uv
+
+    @cached_property
+    def _usable(self) -> NDArray[np.bool_]:
+        usable: NDArray[np.bool_] = self._with_uv.copy()
+        for part in in_parts(len(usable)):
+            usable[part] &= has_area(self.positions[self.faces[part]].astype(np.float64))
+        usable.setflags(write=False)
+        return usable
+
+    @cached_property
+    def _with_uv(self) -> NDArray[np.bool_]:
         found = np.empty(len(self.face_uv), np.bool_)
         for part in in_parts(len(found)):
             found[part] = has_area(self.uv[self.face_uv[part]])
+        found.setflags(write=False)
         return found
 
     def triangle_uv(self) -> NDArray[np.float64]:

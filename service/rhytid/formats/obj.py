@@ -5,7 +5,9 @@ any encoding, CRLF, tabs, a byte-order mark, lines continued by a backslash, pol
 groups, normals, points, lines, curves and surfaces are passed over; an unknown keyword is refused,
 since a misspelt vertex would shift the order of all that follow.
 
-Each statement is matched against its grammar once, then all numbers are converted together.
+Each statement is matched against its grammar once, then all numbers are converted together. In a
+file that has what exporters usually write and nothing wrong, all of a kind are matched together;
+any other file is read statement by statement, which finds the line of what is wrong.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from rhytid.domain.validation import first_bad_row
 from rhytid.domain.wording import plural
 from rhytid.errors import LimitError, MeshError
 from rhytid.formats.decimals import NUMBER, WHOLE, floats, is_number, show, wholes
-from rhytid.formats.limits import check_size
+from rhytid.formats.limits import MAX_NUMBERS, check_size
 from rhytid.formats.polygons import fan
 
 # They change neither the vertices nor the triangles. What points to a file is never opened; `call`
@@ -47,12 +49,25 @@ _CORNER = WHOLE + rb"/" + WHOLE + rb"(?:/" + WHOLE + rb")?"
 _VERTEX = re.compile(rb"(N(?: +N){2})(?: +N|(?: +N){3,4})? *".replace(b"N", NUMBER))
 _UV = re.compile(rb"(N +N)(?: +N)? *".replace(b"N", NUMBER))
 _FACE = re.compile(rb"C(?: +C){2,} *".replace(b"C", _CORNER))
+# Lines as exporters usually write them: corners have a normal in all of a file, or none.
+_USUAL_VERTICES = re.compile(rb"(?:v(?: +N){3} *\n)*".replace(b"N", NUMBER))
+_USUAL_UV = re.compile(rb"(?:vt(?: +N){2} *\n)*".replace(b"N", NUMBER))
+_USUAL_FACES = {
+    1: re.compile(rb"(?:f(?: +W/W){3,} *\n)*".replace(b"W", WHOLE)),
+    2: re.compile(rb"(?:f(?: +W/W/W){3,} *\n)*".replace(b"W", WHOLE)),
+}
+# Bytes that are matched together: each line that is matched takes memory.
+_BYTES_AT_ONCE = 1 << 20
+_ONLY_NUMBERS = bytes.maketrans(b"vtf/", b"    ")
 _WITHOUT_UV = re.compile(WHOLE + rb"(?://" + WHOLE + rb")?")
 _NORMAL = re.compile(rb"(/[+-]?[0-9]+)/[+-]?[0-9]+")
 
 
 def read_obj(data: bytes) -> Mesh:
     """The triangle mesh of an OBJ file; raises MeshError naming the line, or LimitError."""
+    usual = _usual_mesh(data)
+    if usual is not None:
+        return usual
     found = split_statements(data)
     positions = _positions(found[b"v"])
     uv = _numbers(found[b"vt"], _UV, "vt", 2, "2 or 3")
@@ -66,7 +81,87 @@ def read_obj(data: bytes) -> Mesh:
 def read_obj_positions(data: bytes) -> NDArray[np.float64]:
     """The vertices (V, 3) of an OBJ file in their order; the file may have no faces. Raises
     MeshError naming the line, or LimitError."""
-    return _positions(split_statements(data)[b"v"])
+    usual = _usual_texts(data)
+    values = None if usual is None else _usual_floats(usual[b"v"], _USUAL_VERTICES, 3)
+    return _positions(split_statements(data)[b"v"]) if values is None else values
+
+
+def _usual_mesh(data: bytes) -> Mesh | None:
+    """The mesh of a usual file; None for any other."""
+    texts = _usual_texts(data)
+    if texts is None:
+        return None
+    positions = _usual_floats(texts[b"v"], _USUAL_VERTICES, 3)
+    uv = _usual_floats(texts[b"vt"], _USUAL_UV, 2)
+    faces = _usual_faces(texts[b"f"])
+    if positions is None or uv is None or faces is None:
+        return None
+    counts, corners = faces
+    if (corners < 0).any() or (corners >= (len(positions), len(uv))).any():
+        return None
+    triangles = corners[fan(counts)].astype(np.int32)
+    return Mesh.centred(positions, triangles[..., 0], uv, triangles[..., 1])
+
+
+def _usual_texts(data: bytes) -> dict[bytes, bytes] | None:
+    """The lines of each of `v`, `vt` and `f`, one behind the other, by how they begin; None where
+    another line is not known."""
+    text = _plain_text(data) + b"\n"
+    every = np.frombuffer(text, np.uint8)
+    ends = np.flatnonzero(every == ord("\n"))
+    starts = np.concatenate([[0], ends[:-1] + 1])
+    length = ends + 1 - starts
+    first, second, third = (every[np.minimum(starts + k, len(every) - 1)] for k in range(3))
+    vertex = first == ord("v")
+    normal = vertex & (second == ord("n")) & (third == ord(" "))
+    kinds = {
+        b"v": vertex & (second == ord(" ")),
+        b"vt": vertex & (second == ord("t")),
+        b"f": (first == ord("f")) & (second == ord(" ")),
+    }
+    others = np.flatnonzero(~np.logical_or.reduce([*kinds.values(), normal, length == 1]))
+    for start, end in zip(starts[others].tolist(), ends[others].tolist(), strict=True):
+        if text[start:end].partition(b" ")[0] not in _PASSED_OVER:
+            return None
+    return {key: every[np.repeat(chosen, length)].tobytes() for key, chosen in kinds.items()}
+
+
+def _usual_floats(
+    text: bytes, grammar: re.Pattern[bytes], width: int
+) -> NDArray[np.float64] | None:
+    """(N, width) numbers of lines; None where one is not usual, or too large."""
+    if width * text.count(b"\n") > MAX_NUMBERS or not _all_match(text, grammar):
+        return None
+    values = floats(text.translate(_ONLY_NUMBERS)).reshape(-1, width)
+    with np.errstate(over="ignore"):
+        return values if np.isfinite(values.astype(np.float32)).all() else None
+
+
+def _usual_faces(text: bytes) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
+    """(P,) corners of each polygon, and (C, 2) indices from 0 on; None as above."""
+    each = text[2 : text.find(b"/") + 80].split(b" ", 1)[0].count(b"/") if text else 0
+    grammar = _USUAL_FACES.get(each)
+    if grammar is None or not _all_match(text, grammar):
+        return None
+    every = np.frombuffer(text, np.uint8)
+    ends = np.flatnonzero(every == ord("\n"))
+    slashes = np.searchsorted(np.flatnonzero(every == ord("/")), ends)
+    counts = np.diff(slashes, prepend=0) // each
+    if 3 * counts.sum() > MAX_NUMBERS:
+        return None
+    numbers = wholes(text.translate(_ONLY_NUMBERS)).reshape(-1, each + 1)
+    return counts, numbers[:, :2] - 1
+
+
+def _all_match(text: bytes, grammar: re.Pattern[bytes]) -> bool:
+    """Whether all lines match, some at a time."""
+    start = 0
+    while start < len(text):
+        end = text.rfind(b"\n", start, start + _BYTES_AT_ONCE) + 1
+        if not end or not grammar.fullmatch(text, start, end):
+            return False
+        start = end
+    return True
 
 
 def _positions(found: _Statements) -> NDArray[np.float64]:
@@ -167,8 +262,9 @@ def split_statements(data: bytes) -> dict[bytes, _Statements]:
     """The statements `v`, `vt` and `f` of an OBJ file; raises MeshError naming the line of an
     unknown keyword."""
     found = {key: _Statements() for key in (b"v", b"vt", b"f")}
-    for number, line in enumerate(_plain_lines(data), 1):
-        parts = line.split(None, 1)
+    # Not split at once, into an object for each line.
+    for number, line in enumerate(io.BytesIO(_plain_text(data)), 1):
+        parts = line.removesuffix(b"\n").split(None, 1)
         if not parts:
             continue
         statements = found.get(parts[0])
@@ -180,16 +276,13 @@ def split_statements(data: bytes) -> dict[bytes, _Statements]:
     return found
 
 
-def _plain_lines(data: bytes) -> Iterator[bytes]:
-    """Lines without comments and tabs; continued lines are joined at the first."""
+def _plain_text(data: bytes) -> bytes:
+    """The text without comments and tabs; continued lines are joined at the first."""
     text = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     text = text.replace(b"\t", b" ")
     if b"#" in text:
         text = re.sub(rb"#[^\n]*", b"", text)
-    if b"\\" in text:
-        text = _join_continued(text)
-    for line in io.BytesIO(text):  # not split at once, into an object for each
-        yield line.removesuffix(b"\n")
+    return _join_continued(text) if b"\\" in text else text
 
 
 def _join_continued(text: bytes) -> bytes:

@@ -75,13 +75,21 @@ def _overlaps(measured: MeasuredMesh, udims: tuple[int, ...]) -> tuple[dict[int,
 def _charts(mesh: Mesh) -> int:
     """Parts of triangles with area in UV that share corners both in space and in UV."""
     kept = mesh.triangles_with_uv()
-    corners = np.concatenate(
-        [mesh.positions[mesh.faces[kept]].astype(np.float64), mesh.triangle_uv()[kept]], axis=2
-    )
-    _, corner = np.unique(corners.reshape(-1, 5) + 0.0, axis=0, return_inverse=True)
+    place = _numbered(mesh.positions)[mesh.faces[kept]]
+    uv = _numbered(mesh.uv)[mesh.face_uv[kept]]
+    _, corner = np.unique(place * len(mesh.uv) + uv, return_inverse=True)
     corner = corner.reshape(-1, 3)
     ends = np.concatenate([corner[:, :2], corner[:, 1:]])
     return len(distinct(joined(ends, int(corner.max()) + 1)))
+
+
+def _numbered(points: NDArray[np.floating]) -> NDArray[np.int64]:
+    """(N,) a number for each of points (N, D), the same for equal ones."""
+    order = np.lexsort(points.T)
+    new = (points[order[1:]] != points[order[:-1]]).any(axis=1)
+    number = np.zeros(len(points), np.int64)
+    number[order[1:]] = np.cumsum(new)
+    return number
 
 
 def _spread(mask: Mask, used: Mask) -> Mask:

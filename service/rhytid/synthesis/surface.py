@@ -11,7 +11,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from rhytid.domain.mesh import Mesh
@@ -214,6 +213,8 @@ def _covered_by_others(uv: NDArray[np.float64], usable: NDArray[np.bool_]) -> ND
     centres = uv[index].mean(axis=1)
     if not _may_cover(centres, uv[index]):  # most meshes: and SciPy's trees take long to import
         return np.zeros(len(uv), bool)
+    import scipy
+
     near = scipy.spatial.cKDTree(centres).query(
         centres, k=min(_NEIGHBOURS, len(index)), workers=-1
     )[1]
@@ -238,27 +239,38 @@ def _may_cover(centres: FloatArray, corners: FloatArray) -> bool:
 
     number = cell(centres) @ np.array([1, side])
     order = np.argsort(number, kind="stable")
+    number = number[order]
     for start in range(0, len(centres), _AT_ONCE):
         cancellation.check()
         own = np.arange(start, min(start + _AT_ONCE, len(centres)))
-        least, most = corners[own].min(axis=1) - _EDGE, corners[own].max(axis=1) + _EDGE
+        least, most = _box(corners[own])
+        least, most = least - _EDGE, most + _EDGE
         first, last = cell(least), cell(most)
         rows = last[:, 1] - first[:, 1] + 1
         if rows.sum() > _CELLS * len(own):
             return True
         of, row = _counted(rows)
         row = (row + first[of, 1]) * side
-        begin = np.searchsorted(number[order], row + first[of, 0])
-        count = np.searchsorted(number[order], row + last[of, 0], "right") - begin
+        begin = np.searchsorted(number, row + first[of, 0])
+        count = np.searchsorted(number, row + last[of, 0], "right") - begin
         if count.sum() > _CELLS * len(own):
             return True
         which, step = _counted(count)
         point, of = order[begin[which] + step], of[which]
-        near = ((centres[point] >= least[of]) & (centres[point] <= most[of])).all(axis=1)
-        near &= point != own[of]
-        if _inside(centres[point[near]], corners[own[of[near]]]).any():
+        for axis in range(2):
+            at = centres[point, axis]
+            near = (at >= least[of, axis]) & (at <= most[of, axis]) & (point != own[of])
+            point, of = point[near], of[near]
+        if _inside(centres[point], corners[own[of]]).any():
             return True
     return False
+
+
+def _box(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(N, 2) the least and the most of corners (N, 3, 2): a fifth of the time of `min` and `max`
+    along an axis of three."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
 
 
 def _counted(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -292,6 +304,6 @@ def _corner_normals(corners: FloatArray, faces: NDArray[np.int32]) -> FloatArray
 
 
 def _overlaps_udims(uv: FloatArray) -> BoolArray:
-    low, high = uv.min(axis=1), uv.max(axis=1)
+    low, high = _box(uv)
     overlaps: BoolArray = (high > 0).all(axis=-1) & (low[:, 0] < UDIM_COLUMNS)
     return overlaps
