@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
 import time
 
 import pytest
@@ -112,3 +114,58 @@ def test_pocl_is_not_pinned_to_cores_that_it_may_not_use(told):
 
 def test_what_the_user_says_stands(told):
     assert told({0, 1, 2, 3}, before="0") == "0"
+
+
+def keeps_sigint():
+    """Whether this thread gets none."""
+    return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+def in_a_thread(call):
+    found = []
+    thread = threading.Thread(target=lambda: found.append(call()))
+    thread.start()
+    thread.join()
+    return found[0]
+
+
+def test_a_block_within_a_block_leaves_sigint_to_the_outer_one():
+    def look():
+        with driver.without_sigint():
+            with driver.without_sigint():
+                inner = keeps_sigint()
+            between = keeps_sigint()
+            with driver.driver_errors():
+                calling = keeps_sigint()
+            last = keeps_sigint()
+        return inner, between, calling, last, keeps_sigint()
+
+    for call in (look, lambda: in_a_thread(look)):
+        assert call() == (True, True, True, True, False)
+
+
+def test_a_task_keeps_sigint_from_the_driver_but_not_from_the_main_thread(device):
+    def look():
+        with device.task():
+            return keeps_sigint()
+
+    assert (in_a_thread(look), look()) == (True, False)
+    assert in_a_thread(lambda: (look(), keeps_sigint())) == (True, False)
+
+
+def test_the_system_is_asked_once_for_all_calls_of_a_task(device, monkeypatch):
+    asked, ask = [], signal.pthread_sigmask
+
+    def counted(*arguments):
+        asked.append(arguments)
+        return ask(*arguments)
+
+    def work():
+        with device.task():
+            for _ in range(3):
+                device.empty(16, "f4").release()
+            device.finish()
+        return len(asked)
+
+    monkeypatch.setattr(signal, "pthread_sigmask", counted)
+    assert in_a_thread(work) == 2

@@ -141,3 +141,27 @@ def test_the_digest_of_modules_goes_with_names_and_texts(tmp_path, monkeypatch):
     (tmp_path / "__pycache__").mkdir()
     (tmp_path / "__pycache__" / "c.pyc").write_text("x")
     assert build_identity.modules_digest("rhytid.pipeline") in digests
+
+
+def test_a_tile_says_which_key_its_place_has_once_it_is_drawn(engine, monkeypatch):
+    """Another where the settings or the frame were changed meanwhile."""
+    asset, query = built(engine, new_asset()), QUERIES[1]
+    engine.frames.put(asset, "bent", BENT)
+    others = [
+        lambda: None,
+        lambda: engine.assets.change(asset, {"depth": 2 * DEPTH}),
+        lambda: engine.frames.put(asset, "bent", deform(sheet().positions, 4, 0.15)),
+        lambda: engine.assets.change(asset, {"depth": DEPTH}),
+    ]
+    draw = engine.tiles._tile
+    for other in others:
+
+        def changed(*arguments, meanwhile=other):
+            tile = draw(*arguments)
+            meanwhile()
+            return tile
+
+        monkeypatch.setattr(engine.tiles, "_tile", changed)
+        drawn = engine.tiles.draw(asset, "bent", query, ADDRESS)
+        assert (drawn.key == drawn.description.key) == (other is others[0])
+        assert drawn.key == engine.tiles.plan(asset, "bent", query, ADDRESS).key

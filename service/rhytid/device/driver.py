@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -43,15 +44,22 @@ def without_sigint() -> Iterator[None]:
 
     PoCL links kernels by a linker of its own, which ctrl-C at a terminal reaches as well: PoCL then
     ends the whole process by SIGABRT. Threads and programs inherit what their thread has blocked.
+    Blocks within a block do nothing: to ask the system twice takes as long as a launch.
     """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
+    if getattr(_keeping, "sigint", False) or not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    _keeping.sigint = True
     try:
         yield
     finally:
+        _keeping.sigint = False
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+# Whether this thread keeps SIGINT from the driver now.
+_keeping = threading.local()
 
 
 @without_sigint()

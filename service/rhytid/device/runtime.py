@@ -184,8 +184,11 @@ class Device:
         steps, self._of_thread.steps = self.steps, None
         self.budget.new_task()
         self.born.clear()
+        # Once for all calls of the driver in it. The main thread stays interruptible between two.
+        main = threading.current_thread() is threading.main_thread()
         try:
-            yield
+            with nullcontext() if main else driver.without_sigint():
+                yield
         except BaseException:
             self.budget.forget_made()
             for buffer in self.born:

@@ -53,7 +53,7 @@ class Frame:
     @classmethod
     def of(cls, positions: NDArray[np.float32]) -> Frame:
         """A frame of checked positions."""
-        return cls(positions, hashlib.sha256(positions.tobytes()).hexdigest()[:32])
+        return cls(positions, hashlib.sha256(positions.reshape(-1).data).hexdigest()[:32])
 
     @classmethod
     def checked(cls, positions: ArrayLike, vertices: int) -> Frame:

@@ -110,17 +110,27 @@ class LiveDrawing:
         Raises FrameError for numbers that are not finite, NotFoundError where the asset is gone,
         what the budget of memory does.
         """
-        positions, view = self._positions(frame), self._view
+        found, view = self._frame(frame), self._view
         addresses = view.addresses()
         if view.camera is not None:
-            addresses = self._seen(positions, view.camera)
+            addresses = self._seen(found, view.camera)
             if len(addresses) > MOST_TILES:
                 raise LiveClosed(TOO_LARGE, f"{len(addresses)} tiles in view: at most {MOST_TILES}")
             self._check_texels(addresses)
         wanted = set(addresses)
         self._sent = {at: tile for at, tile in self._sent.items() if at in wanted}
         self._reserve(self._tile_bytes(addresses))
-        return Frame.checked(positions, self._info.vertices), addresses
+        return found, addresses
+
+    def first(
+        self, frame: LiveFrame, dropped: int
+    ) -> tuple[Frame, list[TileAddress], bytes | None]:
+        """As `in_view`, and the message with the first of the tiles, as `tile` has it: to change
+        threads in between takes as long as to encode a quarter of a tile."""
+        found, addresses = self.in_view(frame)
+        if not addresses:
+            return found, addresses, None
+        return found, addresses, self.tile(found, addresses[0], frame.number, dropped)
 
     def tile(self, frame: Frame, at: TileAddress, number: int, dropped: int) -> bytes | None:
         """The message with a tile; None where it changed too little since it was last sent."""
@@ -161,20 +171,24 @@ class LiveDrawing:
         self.blendshapes = Blendshapes(self._mesh.positions, shapes, self._opening.shapes)
         self._loading = 0
 
-    def _positions(self, frame: LiveFrame) -> NDArray[np.float32]:
+    def _frame(self, frame: LiveFrame) -> Frame:
+        """The positions of a frame, checked once: what reads them checks them, too."""
+        vertices = self._info.vertices
         if frame.kind == WEIGHTS:
             assert self.blendshapes is not None  # `read_frame` refuses weights otherwise
-            return self.blendshapes.positions(np.frombuffer(frame.content, "<f4"))
-        return read_positions(frame.content, RAW, self._info.vertices, self._centre)
+            moved = self.blendshapes.positions(np.frombuffer(frame.content, "<f4"))
+            return Frame.checked(moved, vertices)
+        return Frame.of(read_positions(frame.content, RAW, vertices, self._centre))
 
-    def _seen(self, positions: NDArray[np.float32], camera: Camera) -> list[TileAddress]:
+    def _seen(self, frame: Frame, camera: Camera) -> list[TileAddress]:
         if self._viewed is None or self._viewed[0] != camera.level:
             viewed = ViewedTiles(self._mesh, self._info.udims, self._grid, camera.level)
             self._viewed = (camera.level, viewed)
         matrix = np.array(camera.matrix)
         # Positions are less the centre here, the camera is where the client sees them.
         matrix[:, 3] += matrix[:, :3] @ self._centre
-        return self._viewed[1].seen(positions, matrix, two_sided=camera.two_sided)
+        assert frame.positions is not None
+        return self._viewed[1].seen(frame.positions, matrix, two_sided=camera.two_sided)
 
     def _check(self, address: TileAddress) -> None:
         try:

@@ -7,6 +7,7 @@ import json
 import logging
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import anyio
@@ -158,9 +159,11 @@ class LiveSession:
         self._frames, self._dropped_ever = self._frames + 1, self._dropped_ever + dropped
         started, sent, tiles = time.monotonic(), 0, list[TileAddress]()
         try:
-            positions, tiles = await run_in_threadpool(drawing.in_view, frame)
+            positions, tiles, found = await run_in_threadpool(drawing.first, frame, dropped)
             for at in tiles:
-                found = await run_in_threadpool(drawing.tile, positions, at, frame.number, dropped)
+                if at != tiles[0]:
+                    draw = partial(drawing.tile, positions, at, frame.number, dropped)
+                    found = await run_in_threadpool(draw)
                 if found is not None:
                     await self._send({"type": "websocket.send", "bytes": found})
                     sent += 1

@@ -10,6 +10,7 @@ from typing_extensions import override
 
 from rhytid.device.figures import spent_on
 from rhytid.device.runtime import Device
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.bin_manifest import BinManifest
 from rhytid.domain.tiles import MapAddress, TileAddress
 from rhytid.engine.assets.asset import Asset, AssetRegistry
@@ -69,10 +70,12 @@ class TileService(Tiles):
     def draw(
         self, asset: str, frame: str | Frame, query: MapQuery, place: TileAddress | MapAddress
     ) -> DrawnTile:
+        before = self._made_of(asset, frame)
         plan = self.plan(asset, frame, query, place)
-        return DrawnTile(
-            plan.draw(), plan.description, self._key_now(asset, frame, query, str(place))
-        )
+        tile, after = plan.draw(), self._made_of(asset, frame)
+        if all(one is other for one, other in zip(before, after, strict=True)):
+            return DrawnTile(tile, plan.description, plan.key)
+        return DrawnTile(tile, plan.description, self._key_now(asset, frame, query, str(place)))
 
     def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
         """A whole level of a UDIM; raises what `plan` does."""
@@ -184,6 +187,11 @@ class TileService(Tiles):
         return self._on_device.use(
             found, lambda resident: resident.bins.layer_codes(address, layer, bin, sample)
         )
+
+    def _made_of(self, asset: str, frame: str | Frame) -> tuple[Asset, AssetSettings, Frame]:
+        """The present asset, settings and frame; raises what `plan` does."""
+        found = self._assets.get(asset)
+        return found, found.settings, found.frame(frame)
 
     def _key_now(self, asset: str, frame: str | Frame, query: MapQuery, place: str) -> str:
         """The key that a place has now; raises what `plan` does."""
