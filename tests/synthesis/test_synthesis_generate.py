@@ -137,6 +137,15 @@ def test_progress_rises_to_one_and_can_cancel(device: Device) -> None:
         assert device.budget.used == used
 
 
+def test_progress_tells_of_seams(device: Device) -> None:
+    """Where there are many, copies over them take longest."""
+    seen: list[tuple[float, str]] = []
+    synthesize(sheets.tube(), wanted(500), device, lambda *report: seen.append(report))
+    fractions = [fraction for fraction, stage in seen if stage == "seams"]
+    assert min(fractions) < 0.95
+    assert seen[-1] == (1.0, "shapes")
+
+
 @pytest.mark.parametrize("make", [sheets.sheet, sheets.tube, sheets.with_hole])
 def test_every_wrinkle_lies_on_the_map(device: Device, make: sheets.Callable[[], Mesh]) -> None:
     mesh = make()

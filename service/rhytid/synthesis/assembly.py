@@ -15,7 +15,7 @@ from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.hashes import place_keys
 from rhytid.synthesis.lines import Lines, ends_of
 from rhytid.synthesis.pore_density import Usual
-from rhytid.synthesis.progress import Progress, row_blocks
+from rhytid.synthesis.progress import Progress, part, row_blocks
 from rhytid.synthesis.ranks import Ranks, Strips
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.charts import trace
@@ -74,18 +74,19 @@ class GraphParts:
         """The arrays of the graph: pores and lines with sizes and weights, and copies of those that
         reach over a seam. Nodes beyond a border are as large as their pore and are not drawn."""
         ground, pores, lines, fields = self.ground, self.pores, self.lines, self.ground.fields
-        weight, factor, half_width, width = self._sizes_of_lines(progress)
-        progress(0.4, "shapes")
+        of_lines, over_seams = part(progress, 0.0, 0.5), part(progress, 0.5, 1.0)
+        weight, factor, half_width, width = self._sizes_of_lines(of_lines)
+        of_lines(0.4, "shapes")
         drawn_strength = weight[: lines.whole].copy()
         _scale(weight, factor)
         del factor
-        depth, metric, radius = self._shapes_of_pores(drawn_strength, progress)
-        progress(0.8, "shapes")
+        depth, metric, radius = self._shapes_of_pores(drawn_strength, of_lines)
+        of_lines(0.8, "shapes")
         none = np.zeros(len(lines.owner), np.float32)
         ranks = self.strengths.ranks
         leads = None if ranks is None else ranks.leads[lines.edge]
         ends = ends_of(ground, pores, lines, weight, half_width, width, leads)
-        progress(0.9, "shapes")
+        of_lines(0.9, "shapes")
         arrays = {
             "node_uv": np.concatenate([pores.uv, lines.beyond]),
             "node_weight": np.concatenate([depth, none]),
@@ -108,7 +109,7 @@ class GraphParts:
         if self.events is not None:
             arrays = self.events.added_to(arrays)
         least = self.spacing * min(fields.least_spacing, _CLOSEST)
-        arrays = with_copies(arrays, ground.surface, self.borders, least)
+        arrays = with_copies(arrays, ground.surface, self.borders, least, over_seams)
         return arrays | _of_nodes(arrays, beside)
 
     def _beside(self) -> dict[str, NDArray[np.float32]]:

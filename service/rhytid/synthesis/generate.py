@@ -47,6 +47,8 @@ from rhytid.synthesis.workspace import Caller, Workspace, directly
 
 # How often pores are scattered again, at most twice as many each time, where there are too few.
 ATTEMPTS = 4
+# Of the progress: the rest is shapes, and copies over seams.
+_GROWN = 0.85
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,10 +119,10 @@ def synthesize(
     with Workspace(device, call) as work:
         borders = Borders.of(mesh, surface, across)
         ground = Ground(work, surface, across, fields, borders, unit)
-        skin, cut = _skin(ground, plain if uneven else fields, settings, part(report, 0.0, 0.94))
+        skin, cut = _skin(ground, plain if uneven else fields, settings, part(report, 0.0, _GROWN))
         distance = mean_spacing(work, skin.net.pores)[0] * surface.scale
         events = events_of(surface, fields, settings, skin.spacing, unit)
-        shaping, spacing = part(report, 0.95, 1.0), skin.spacing
+        shaping, spacing = part(report, _GROWN, 1.0), skin.spacing
         parts = skin.drawn(ground, borders, cut, settings.start, shaping, events)
         del skin  # most of its memory is needed for the arrays of the graph
         arrays = parts.arrays(part(shaping, 0.1, 1.0))

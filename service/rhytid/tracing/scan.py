@@ -25,7 +25,7 @@ from rhytid.tracing.mixed import Growth, ScanShares, denied_of, mixed, without_g
 from rhytid.tracing.trace import Relief, Trace, TraceSettings, charted, trace, traced_settings
 
 # How much of the work is done when skin is grown that fills in.
-_GROWN = 0.3
+_GROWN = 0.5
 
 
 def traced_scan(
