@@ -59,6 +59,17 @@ def expand(text: str) -> str:
     return _PREAMBLE + _INCLUDE.sub(put_in, text)
 
 
+def stage(name: str) -> str:
+    """The folder of a program: what it is a step of, such as `drawing`; "" where there is none."""
+    return _stages().get(f"{name}.cl", "")
+
+
+@cache
+def _stages() -> dict[str, str]:
+    folders = [entry for entry in files(__name__).iterdir() if entry.is_dir()]
+    return {entry.name: folder.name for folder in folders for entry in folder.iterdir()}
+
+
 @cache
 def _files() -> dict[str, str]:
     """The text of every kernel and helper by the name of its file."""

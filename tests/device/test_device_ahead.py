@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rhytid.device import ahead as module
 from rhytid.device import driver
 from rhytid.device.ahead import ProgramsAhead
 from rhytid.device.runtime import Device
@@ -65,6 +66,76 @@ def test_what_a_load_needed_is_built_at_the_next_start(
     halve(again)
     assert len(built) == 2
     ahead.close()
+
+
+def listed(device: Device) -> None:
+    """Ask for another program than `halve` does."""
+    device.programs.kernel("vectors", "count_triangles")
+
+
+def names(folder: Path, device: Device) -> list[str]:
+    return [name for name, *_ in recalled(folder, device)]
+
+
+def test_what_drew_after_a_load_is_built_too(fresh: Device, tmp_path: Path) -> None:
+    ahead = ProgramsAhead(fresh, tmp_path)
+    with ahead.noting():
+        halve(fresh)
+    listed(fresh)
+    fresh.programs.kernel("incidence", "count_pairs")  # skin grows meanwhile
+    ahead.note_drawn()
+    assert names(tmp_path, fresh) == ["level", "vectors"]
+    again = ProgramsAhead(fresh, tmp_path)
+    with again.noting():
+        halve(fresh)
+    assert names(tmp_path, fresh) == ["level", "vectors"], "the same load"
+    with again.noting():
+        listed(fresh)
+    assert names(tmp_path, fresh) == ["vectors"], "another load"
+
+
+def test_what_drew_after_a_load_is_built_after_what_a_load_needs(
+    fresh: Device, tmp_path: Path, built: list[list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drew = [["level", {"UNUSED": 2}, "drew"], ["level", {"UNUSED": 3}, "drew"]]
+    text = json.dumps({fresh.info.identity: [HALVE, *drew]})
+    (tmp_path / "programs.json").write_text(text, encoding="utf-8")
+    ahead = ProgramsAhead(fresh, tmp_path)
+    waits: list[tuple[float, int]] = []
+
+    def wait(seconds: float) -> bool:
+        waits.append((seconds, len(built)))
+        return False
+
+    monkeypatch.setattr(ahead._closed, "wait", wait)
+    ahead.begin()
+    ahead._thread.join()
+    assert waits == [(module._LATER, 1)]
+    assert [given[1:] for given in built] == [["-DUNUSED=1"], ["-DUNUSED=2"], ["-DUNUSED=3"]]
+    ahead.close()
+
+
+def test_who_closes_does_not_wait_for_what_is_built_later(fresh: Device, tmp_path: Path) -> None:
+    drew = [["level", {"UNUSED": 2}, "drew"]]
+    (tmp_path / "programs.json").write_text(json.dumps({fresh.info.identity: drew}))
+    ahead = ProgramsAhead(fresh, tmp_path)
+    ahead.begin()
+    ahead.close()
+    assert not ahead._thread.is_alive()
+    assert recalled(tmp_path, fresh) == drew
+
+
+def test_programs_without_end_are_not_remembered(
+    fresh: Device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_MOST", 3)
+    ahead = ProgramsAhead(fresh, tmp_path)
+    with ahead.noting():
+        halve(fresh)
+    for number in range(4):
+        fresh.programs._noted["level", (("UNUSED", number + 2),)] = None
+        ahead.note_drawn()
+    assert len(recalled(tmp_path, fresh)) == 3
 
 
 @pytest.mark.parametrize("known", ["{", "[]", '{"it": 3}', [["gone", {}], 3, ["level", []], HALVE]])

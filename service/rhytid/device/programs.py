@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -62,14 +61,14 @@ class Programs:
         thread; raises what `kernel` does, and FileNotFoundError where there is no such program."""
         self._program(program, tuple(sorted(defines.items())))
 
-    @contextmanager
-    def noting(self) -> Iterator[list[tuple[str, _Defines]]]:
-        """Gives a list, which at the end of the block has the programs whose kernels were asked for
-        in it."""
-        used: list[tuple[str, _Defines]] = []
+    def begin_noting(self) -> None:
+        """Forget what `noted` has."""
         self._noted = {}
-        yield used
-        used.extend(self._noted)
+
+    @property
+    def noted(self) -> list[tuple[str, _Defines]]:
+        """The programs whose kernels were asked for since `begin_noting`, in their order."""
+        return list(self._noted)
 
     def _program(self, name: str, defines: _Defines) -> Any:
         key = (name, defines)

@@ -85,13 +85,16 @@ class DeviceAssets:
             cancellation.check()
             resident = self.loaded(asset)
             try:
-                return call(resident)
+                found = call(resident)
             except Evicted:
                 continue
             except DeferredWork as deferred:
                 if (made := made + 1) > _MADE:
                     break
                 self._make(asset, deferred)
+            else:
+                self._ahead.note_drawn()
+                return found
         raise DeviceMemoryError(
             f"asset {asset.id} left the device {_ATTEMPTS} times before it could be drawn: more "
             "assets are in use than RHYTID_DEVICE_MEMORY_MB holds"
