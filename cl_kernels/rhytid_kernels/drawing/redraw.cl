@@ -2,7 +2,20 @@
 // of a block of BLOCK x BLOCK in one work-group, no atomics, so any tiling gives the same bits.
 #include "line.clh"
 #ifdef RAISED
+#include "ahead.clh"
 #include "spline.clh"
+
+// Asks for the samples of the broad layer that the rows of a work-group are brought up from: what lies rows
+// apart no processor sees ahead, and lines are drawn meanwhile.
+inline void ask_for_samples(sums_t sums, place_t place, __global const float *coarse)
+{
+    const int width = -place.above, side = width / COARSER + 4;
+    const int at = place.at + (sums.low + ROWS - 1) * place.above;
+    coarse = samples_of(coarse, side, at % width, at / width);
+    for (int row = 0; row < ROWS / COARSER + 4; row++)
+        for (int x = 0; x < BLOCK / COARSER + 4; x += CACHE_LINE / sizeof(float))
+            SOON_ALONE(coarse + row * side + x);
+}
 
 // As write_rows, with the broad layer of the square added, see cushion.cl.
 inline void write_raised_rows(sums_t sums, place_t place, shape_t shape, float depth,
@@ -18,10 +31,12 @@ inline void write_raised_rows(sums_t sums, place_t place, shape_t shape, float d
     }
 }
 #define COARSE_MAP __global const float *coarse,
+#define ASK_FOR_SAMPLES(sums, place) ask_for_samples(sums, place, coarse)
 #define WRITE_ROWS(sums, place, shape, depth, out)                                                 \
     write_raised_rows(sums, place, shape, depth, coarse, out)
 #else
 #define COARSE_MAP
+#define ASK_FOR_SAMPLES(sums, place)
 #define WRITE_ROWS(sums, place, shape, depth, out)                                                 \
     write_rows(sums, place, shape, depth, WHOLE, out)
 #endif
@@ -46,6 +61,7 @@ __kernel void redraw(LINES, __global const SIZES *wrinkle_scales,
     place_t place = place_of_group(blocks, row, column);
     sums_t sums = sums_at(place, memory);
     int block = place.block;
+    ASK_FOR_SAMPLES(sums, place);
     DRAW_LINES(sums, shape, wrinkle_members, wrinkle_offsets[block], wrinkle_offsets[block + 1], true,
                sizes[i] * wrinkle_scales[i], place.corner, least);
     DRAW_PORES(sums, shape, pore_members, pore_offsets[block], pore_offsets[block + 1],

@@ -127,6 +127,11 @@ class Device:
         return maps_at_once(self.shape, self.info.local_memory, sums)
 
     @property
+    def ahead_defines(self) -> dict[str, object]:
+        """The define of ahead.clh."""
+        return {"AHEAD": 1} if self.info.kind == "cpu" else {}
+
+    @property
     def steps(self) -> Steps | None:
         """The steps in which this thread uses the device; None where it uses it itself."""
         return getattr(self._of_thread, "steps", None)

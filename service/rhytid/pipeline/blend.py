@@ -122,7 +122,7 @@ class Blend:
             "PARTS": len(parts(bins)),
             "MERGE": MERGES[bins.merge],
             "MAPS": map_count(bins),
-            **_ahead(device),
+            **device.ahead_defines,
         }
 
     def coefficients(self, stretch: StretchBuffers) -> Coefficients:
@@ -294,11 +294,6 @@ def _group(most: int, vectors: int) -> tuple[int, int]:
     return next(n for n in range(min(most, vectors), 0, -1) if vectors % n == 0), 1
 
 
-def _ahead(device: Device) -> dict[str, object]:
-    """The define of ahead.clh."""
-    return {"AHEAD": 1} if device.info.kind == "cpu" else {}
-
-
 class CushionBlend:
     """Blends tiles of the broad layer of one asset."""
 
@@ -315,7 +310,7 @@ class CushionBlend:
             "CODE": CODES[bits],
             "CODE_BITS": bits,
             "CODE_LIMIT": code_limit(bits),
-            **_ahead(device),
+            **device.ahead_defines,
         }
 
     def tiles(self, tiles: Sequence[CushionTile], lines: Buffer) -> list[Buffer]:

@@ -284,7 +284,8 @@ def _cushion(
         yield (), NO_DEFINES
         return
     coarse = draw_cushion(device, elements, settings, scales.wrinkles, square)
-    yield (coarse,), {"RAISED": 1, "COARSER": elements.cushion.factor}
+    raised = {"RAISED": 1, "COARSER": elements.cushion.factor}
+    yield (coarse,), {**raised, **device.ahead_defines}
     coarse.release()
 
 
