@@ -1,8 +1,11 @@
 // Adds the grain of a frame to heights that are drawn. A vector of texels per work-item, in the part of
 // a tile of `width` texels per row from texel `first` on that lies in a map of `out_width` a row from
 // texel `out_first` on.
+#include "ahead.clh"
 #include "grain.clh"
 #include "vectors.clh"
+
+#define ROWS_AHEAD 2 // 1 and 4 took as long
 
 POWER_OF_TWO(power16, float16, int16)
 
@@ -45,6 +48,7 @@ __kernel void add_grain(__global const int *firsts, __global const int2 *members
             gain = select(gain, (float16)(gains[member->x]), lanes_of(member->y));
     }
     out += out_first + get_global_id(1) * out_width + get_global_id(0) * WIDTH;
+    SOON_ALONE(out + ROWS_AHEAD * out_width); // rows of a tile lie apart
     float16 code = convert_float16(vload16(0, codes + at));
     vstore16(grained(vload16(0, out), code, gain, amplitude, depth), 0, out);
 }

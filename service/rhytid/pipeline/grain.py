@@ -248,7 +248,9 @@ class Grain:
         if self.fields is None:
             self.device.launch(
                 "grain", "add_grain", size, *texels, self.gains, self.stretch.logs, *last,
-                defines=response_defines(settings.response.soft_limits),
+                defines={
+                    **response_defines(settings.response.soft_limits), **self.device.ahead_defines,
+                },
             )  # fmt: skip
             return
         place = (settings.resolution, tile.row, tile.column)
