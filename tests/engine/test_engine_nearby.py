@@ -116,6 +116,11 @@ def test_elements_that_are_far_from_a_tile_have_not_answered(device):
     counts = (2 * (elements.wrinkles + 1), 4 * elements.wrinkles, 2 * elements.pores)
     for buffer, count in zip((ends, scales.wrinkles, scales.pores), counts, strict=True):
         assert 0.05 < np.isfinite(device.read(buffer, (count,), np.float32)).mean() < 0.7
+    tile = at, asset.bins.tile(at)
+    factors = asset.frames.coefficients(FRAMES[0], "tensor", tile).own
+    assert 0.05 < np.isfinite(device.read(factors, (factors.nbytes // 4,), np.float32)).mean() < 0.7
+    asset.frames.coefficients(FRAMES[0], "tensor")
+    assert np.isfinite(device.read(factors, (factors.nbytes // 4,), np.float32)).all()
     asset.frames.line_stretches(FRAMES[0], BINNED, 1001)
     asset.frames.scales(FRAMES[0], REDRAW, 1001)
     for buffer, count in zip((ends, scales.wrinkles, scales.pores), counts, strict=True):

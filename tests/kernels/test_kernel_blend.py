@@ -108,8 +108,8 @@ def coefficients(device, maps):
     ]
     given += [f"-D{name}={value}" for name, value in response_defines(False).items()]
     text, found = rhytid_kernels.source("weights"), maps.weights.copy()
-    size = (triangles * layers,)
-    return run(device, text, "coefficients", size, [maps.steps, unit(maps)], found, given)
+    arguments = [None, maps.steps, unit(maps), np.int32(triangles)]
+    return run(device, text, "coefficients", (-(-triangles // WIDTH),), arguments, found, given)
 
 
 def placed(device, triangle, codes):

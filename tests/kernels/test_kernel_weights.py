@@ -46,6 +46,7 @@ def weights(device, axes, logs, bins, exponents=(0.0, 0.0)):
     options += [f"-D{name}={value}" for name, value in response_defines(False).items()]
     in_uv = None
     arguments = [
+        None,
         axes,
         logs,
         in_uv,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rhytid.pipeline.cells import CellLists
-from rhytid.pipeline.nearby import NearbyElements
-from rhytid.pipeline.vectors import VECTOR
+from rhytid.pipeline.nearby import Groups, NearbyElements
+from rhytid.pipeline.vectors import VECTOR, VectorTriangles
 from rhytid.pipeline.work import BLOCK
 
 COUNT, CELLS = 400, 8
@@ -75,3 +75,12 @@ def test_nothing_is_listed_where_there_is_nothing(device):
     none = CellLists(CELLS, np.zeros(CELLS**2 + 1, np.int32), np.zeros(0, np.int32))
     found = NearbyElements(none, none, 0, None).of(device, (0, 0, 512))
     assert [groups.count for groups in (found.wrinkles, found.answering, found.pores)] == [1, 0, 0]
+
+
+@pytest.mark.parametrize("numbers", [[0], [15, 16, 400, 0, 16], [7, 40, 41, 40, 90, 333, 6]])
+def test_groups_of_triangles_are_those_under_some_texel(device, numbers):
+    members = np.array([(number, 1) for number in numbers], np.int32)
+    firsts = np.array([0, len(members)], np.int32)
+    held = VectorTriangles(device.upload(firsts), device.upload(members))
+    found = Groups.of_triangles(device, held)
+    assert read(device, found) == sorted({number // VECTOR for number in numbers})

@@ -1,9 +1,8 @@
 // Where between the precomputed samples each triangle stands (Alg. 3, lines 6 to 10). With nearest
 // sampling Alg. 3 up to its line 10 is the same for every texel of a triangle, so it runs here once.
+#include "groups.clh"
 #include "response.clh"
 #include "samples.clh"
-
-#define LANES 16
 
 POWER_OF_TWO(power16, float16, int16)
 
@@ -69,12 +68,13 @@ inline float16 log_stretches_in(triangles_t p, int first, int last, float2 theta
 // the largest code of a tilt, over the middle. It stays within 0 and SCALE_LIMIT.
 // directions: then also those TILT_NODE half bins before and after each. r_max: of the last sample.
 // exponents: of the depth of wrinkles and of pores, where 0 gives 1, and the limits of both depths.
-__kernel void sample_weights(__global const float4 *axes, __global const float2 *logs,
-                             __global const float4 *jacobians,
+// groups: as in first_in_group, of triangles.
+__kernel void sample_weights(__global const int *groups, __global const float4 *axes,
+                             __global const float2 *logs, __global const float4 *jacobians,
                              __global const float2 *directions, int count, float r_max,
                              float4 exponents, __global float4 *weights)
 {
-    const int first = get_global_id(0) * LANES, last = count - 1;
+    const int first = first_in_group(groups), last = count - 1;
     const triangles_t p = triangles_from(first, last, axes, logs, jacobians);
     for (int n = 0; n < LAYERS; n++) {
         float16 r = n < ORIENTED ? log_stretches_in(p, first, last, directions[n], jacobians)
@@ -107,15 +107,21 @@ __kernel void sample_weights(__global const float4 *axes, __global const float2 
 
 // From weights to what blend.cl multiplies by, in place: of the first and of the second of the two
 // samples around the position, in units of the merge for a code; the first of them; the rise.
-// steps: displacement of a code, LAYERS x MOST_SAMPLES. unit: of the merge, mesh units.
-__kernel void coefficients(__global const float *steps, float unit, __global float4 *weights)
+// steps: displacement of a code, LAYERS x MOST_SAMPLES. unit: of the merge, mesh units. groups, count: as
+// of sample_weights.
+__kernel void coefficients(__global const int *groups, __global const float *steps, float unit,
+                           int count, __global float4 *weights)
 {
-    int i = get_global_id(0), layer = i % LAYERS;
-    float4 w = weights[i];
-    int first = min((int)w.x, SAMPLES_OF(layer) - 2);
-    float share = w.x - first, scale = w.y / unit;
-    steps += layer * MOST_SAMPLES + first;
-    weights[i] = (float4)(scale * (1.0f - share) * steps[0], scale * share * steps[1], first, w.z);
+    int first = first_in_group(groups);
+    for (int t = first; t < min(first + LANES, count); t++)
+        for (int n = 0; n < LAYERS; n++) {
+            float4 w = weights[t * LAYERS + n];
+            int sample = min((int)w.x, SAMPLES_OF(n) - 2);
+            float share = w.x - sample, scale = w.y / unit;
+            __global const float *step = steps + n * MOST_SAMPLES + sample;
+            weights[t * LAYERS + n] = (float4)(scale * (1.0f - share) * step[0],
+                                               scale * share * step[1], sample, w.z);
+        }
 }
 
 // For texels with a stiffness of their own (blend_stiff.cl): r of each layer, LAYERS per triangle;

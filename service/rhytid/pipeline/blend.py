@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import chain
 from typing import NamedTuple
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings, BinSettings
+from rhytid.domain.tiles import TileAddress
 from rhytid.pipeline.bin_maker import BinTile
 from rhytid.pipeline.bins import (
     CODES,
@@ -34,6 +35,7 @@ from rhytid.pipeline.cushion import MORE, SAMPLES, CushionTile, cushion_steps, l
 from rhytid.pipeline.cushion_layer import APRON
 from rhytid.pipeline.grain import grain_amplitude, grain_gains, relief
 from rhytid.pipeline.locate import UdimTriangles
+from rhytid.pipeline.nearby import Groups
 from rhytid.pipeline.reach import SCALE_LIMIT, response_defines
 from rhytid.pipeline.smooth import SmoothFields
 from rhytid.pipeline.stretch import StretchBuffers
@@ -63,11 +65,12 @@ class Coefficients(BufferGroup):
     """The factors that a frame multiplies codes by.
 
     own: factors of the codes of each layer in each triangle.  gains: factors of the grain, None
-    where there is no grain.
+    where there is no grain.  filled: tiles whose triangles have those of their codes; None: all.
     """
 
     own: Buffer
     gains: Buffer | None = None
+    filled: set[TileAddress | None] = field(default_factory=set, init=False)
 
     @property
     def _buffers(self) -> tuple[Buffer | None, ...]:
@@ -128,24 +131,30 @@ class Blend:
     def coefficients(self, stretch: StretchBuffers) -> Coefficients:
         """The factors of the codes of each layer in each triangle: where it stands between
         the samples and the depth scale that its maps lack (Alg. 3, lines 6 to 10)."""
-        own = self._own_coefficients(stretch)
+        found = self.without_codes(stretch)
+        self.fill(found, stretch, None)
+        return found
+
+    def without_codes(self, stretch: StretchBuffers) -> Coefficients:
+        """The factors of a frame, of the grain alone; `fill` finds the others."""
+        own = self._device.empty(4 * (self._triangles + 1) * (self._bins.count + 1), np.float32)
         grainy = relief(self._settings) > 0.0
         gains = grain_gains(self._device, self._settings, stretch) if grainy else None
         return Coefficients(own, gains)
 
-    def _own_coefficients(self, stretch: StretchBuffers) -> Buffer:
-        count, layers = self._triangles + 1, self._bins.count + 1
-        found = self._device.empty(4 * count * layers, np.float32)
+    def fill(self, found: Coefficients, stretch: StretchBuffers, wanted: Groups | None) -> None:
+        """Fill the factors of the codes in some triangles; None: in all."""
+        count, groups = np.int32(self._triangles + 1), wanted or Groups.of(self._triangles + 1)
         self._device.launch(
-            "weights", "sample_weights", (-(-count // VECTOR),),
-            *self._stretch(stretch), np.int32(count), self._last_sample, self._exponents, found,
+            "weights", "sample_weights", (groups.count,), groups.numbers,
+            *self._stretch(stretch), count, self._last_sample, self._exponents, found.own,
             defines={**self._layers, **self._response, **self._oriented},
         )  # fmt: skip
         self._device.launch(
-            "weights", "coefficients", (count * layers,), self._steps, self._unit, found,
+            "weights", "coefficients", (groups.count,), groups.numbers,
+            self._steps, self._unit, count, found.own,
             defines={**self._layers, **self._response, **self._oriented},
         )  # fmt: skip
-        return found
 
     def stretches(self, stretch: StretchBuffers) -> Buffer:
         """Log stretch of each triangle and layer, which `stiff_tile` takes in place of coefficients

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
 from rhytid.pipeline.cells import CellLists
-from rhytid.pipeline.vectors import VECTOR
+from rhytid.pipeline.vectors import VECTOR, VectorTriangles
 from rhytid.pipeline.work import BLOCK, Square
 
 Numbers = NDArray[np.int32]
@@ -24,7 +24,7 @@ _BITS = VECTOR.bit_length() - 1
 
 
 @dataclass(frozen=True)
-class Groups:
+class Groups(BufferGroup):
     """Numbers of so many groups of elements, int32 on the device; None: all, in order."""
 
     count: int
@@ -34,6 +34,22 @@ class Groups:
     def of(cls, elements: int) -> Groups:
         """All groups of so many elements."""
         return cls(-(-elements // VECTOR))
+
+    @classmethod
+    def upload(cls, device: Device, numbers: Numbers) -> Groups:
+        """The groups of these numbers."""
+        return cls(len(numbers), device.upload(numbers))
+
+    @classmethod
+    def of_triangles(cls, device: Device, triangles: VectorTriangles) -> Groups:
+        """The groups of the triangles under the texels of a tile."""
+        shape = (triangles.members.nbytes // 8, 2)
+        members = device.read(triangles.members, shape, np.int32)
+        return cls.upload(device, _united([members[:, 0] >> _BITS]))
+
+    @property
+    def _buffers(self) -> tuple[Buffer | None, ...]:
+        return (self.numbers,)
 
 
 @dataclass(frozen=True)
@@ -50,8 +66,8 @@ class NearbyGroups(BufferGroup):
     pores: Groups
 
     @property
-    def _buffers(self) -> tuple[Buffer | None, ...]:
-        return self.wrinkles.numbers, self.answering.numbers, self.pores.numbers
+    def _buffers(self) -> tuple[Groups, ...]:
+        return self.wrinkles, self.answering, self.pores
 
 
 class NearbyElements:
@@ -79,7 +95,7 @@ class NearbyElements:
         none = np.array([self._count // VECTOR], np.int32)
         pores = _united([_in_square(self._pores, square, BLOCK)])
         found = (_united([drawn, none]), answering, pores)
-        return NearbyGroups(*(Groups(len(some), device.upload(some)) for some in found))
+        return NearbyGroups(*(Groups.upload(device, some) for some in found))
 
     def _beside(self, groups: Numbers) -> Numbers:
         """The groups of wrinkles that continue those of some groups."""

@@ -180,7 +180,8 @@ class DeviceBins:
         tiles, grains = [self.tile(address) for address in addresses], None
         if self._grain.shows:
             grains = [self._grain.codes(a.udim, *self._base.square(a)[:2]) for a in addresses]
-        coefficients = self._frames.coefficients(frame, model)
+        alone = (addresses[0], tiles[0]) if len(tiles) == 1 else None
+        coefficients = self._frames.coefficients(frame, model, alone)
         return self._base.blend.tiles(tiles, coefficients, grains, lines)
 
     def _grained(

@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
+from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.mesh import DeviceMesh
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import FrameStretch, MapQuery
+from rhytid.pipeline.bin_maker import BinTile
 from rhytid.pipeline.blend import Coefficients
 from rhytid.pipeline.event_elements import EventElements
 from rhytid.pipeline.events import add_events, respond_events, respond_events_smooth
@@ -28,7 +30,7 @@ from rhytid.pipeline.grain import (
     tiles_of_square,
 )
 from rhytid.pipeline.levels import Draw
-from rhytid.pipeline.nearby import NearbyGroups
+from rhytid.pipeline.nearby import Groups, NearbyGroups
 from rhytid.pipeline.redraw import (
     R_ALONE,
     LineStretches,
@@ -172,13 +174,24 @@ class DeviceFrames:
             return smooth_wrinkle_responder(device, located, settings, fields, R_ALONE)
         return wrinkle_responder(device, settings, self.stretch(frame, model), R_ALONE)
 
-    def coefficients(self, frame: Frame, model: str) -> Coefficients:
-        """Coefficients of each triangle by which the fast method blends."""
-        blend = self._base.blend
-        return self._base.cache.keep_of(
+    def coefficients(
+        self, frame: Frame, model: str, alone: tuple[TileAddress, BinTile] | None = None
+    ) -> Coefficients:
+        """Coefficients of each triangle by which the fast method blends.  alone: a tile, of whose
+        triangles they are wanted; None: of all."""
+        base, blend = self._base, self._base.blend
+        found: Coefficients = base.cache.keep_of(
             frame, "coefficients", model,
-            make=lambda: blend.coefficients(self.stretch(frame, model)),
+            make=lambda: blend.without_codes(self.stretch(frame, model)),
         )  # fmt: skip
+        place, groups = alone[0] if alone else None, None
+        if found.filled.isdisjoint((None, place)):
+            if alone:
+                make = partial(Groups.of_triangles, base.device, alone[1].triangles)
+                groups = base.cache.keep("tile triangles", place, make=make)
+            blend.fill(found, self.stretch(frame, model), groups)
+            found.filled.add(place)
+        return found
 
     def bin_stretches(self, frame: Frame, model: str) -> Buffer:
         """Stretch of each triangle across each bin, for texels with a stiffness of their own."""
