@@ -12,6 +12,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.painted_maps import Controls
+from rhytid.domain.patch_noise import LEAST, MOST_DEVIATION
 from rhytid.domain.skin import REGIONS
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.generate import synthesize
@@ -72,6 +73,18 @@ def test_deviation_is_in_proportion_to_patchiness() -> None:
     ]
     assert logs[0] == 0.0
     assert logs[1:] == pytest.approx([0.119, 0.236], rel=0.06)
+
+
+def test_lines_vary_as_far_as_the_patchiest_region_says() -> None:
+    """Swells end at MOST_DEVIATION; what is more than that, lines of the neck have to show."""
+    most = max(region.patchiness for region in REGIONS.values())
+    triangle, uv = points()
+    logs = [
+        np.log(patches().factor("strength", amount * ones(len(uv)), triangle, uv) - LEAST).std()
+        for amount in (1.0, most)
+    ]
+    assert logs[1] == pytest.approx(most * logs[0], rel=0.01)
+    assert 0.32 * most > MOST_DEVIATION
 
 
 @pytest.mark.parametrize(("unit", "side"), [("mm", SIDE), ("cm", SIDE / 10), (None, SIDE)])

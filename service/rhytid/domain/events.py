@@ -61,7 +61,7 @@ EVENTS: dict[str, Event] = {
         groups=9.0,
         rates={
             WHOLE_FACE: 1.2, "forehead": 0.9, "cheek": 1.4, "nose": 0.2, "lip": 0.0,
-            "eye_corner": 0.1, "neck": 6.5, "mouth": 4.0,
+            "eye_corner": 0.1, "neck": 11.0, "mouth": 4.0,
         },
     ),
     # Low and broad, most of the young.
@@ -74,7 +74,7 @@ EVENTS: dict[str, Event] = {
         old=0.4,
         rates={
             WHOLE_FACE: 0.025, "forehead": 0.03, "cheek": 0.03, "nose": 0.01, "lip": 0.0,
-            "eye_corner": 0.0, "neck": 0.4,
+            "eye_corner": 0.0, "neck": 1.6,
         },
     ),
     # Of acne or chickenpox: a pit with a faint wall.

@@ -91,16 +91,16 @@ REGIONS: dict[str, Region] = {
     "forehead": Region(
         density=1.0,
         strength=1.1,
-        pore_strength=0.65,
+        pore_strength=1.0,
         anisotropy=1.85,
         bend=0.3,
         scale=1.2,
-        pore_radius=0.9,
-        undulation=1.5,
+        pore_radius=1.1,
+        undulation=1.2,
         patchiness=2.2,
         leading=1.3,
         crossed=1.3,
-        old=Old(strength=1.2, contrast=1.3, grain=1.3, undulation=0.55, patchiness=0.4),
+        old=Old(strength=1.2, contrast=1.3, grain=1.3, undulation=0.69, patchiness=0.4),
     ),
     # Led by large pores; a fine net of rhombi without much of a direction, faint.
     "cheek": Region(
@@ -164,18 +164,18 @@ REGIONS: dict[str, Region] = {
     # A wide net of rhombi, longer than high, that age deepens as a whole; small pores.
     "neck": Region(
         density=0.57,
-        strength=2.2,
+        strength=1.75,
         anisotropy=0.5,
         bend=0.5,
-        scale=1.15,
+        scale=1.2,
         pore_radius=0.7,
         grain=1.2,
-        undulation=2.6,
+        undulation=2.4,
         folded=0.35,
-        patchiness=3.3,
+        patchiness=4.2,
         leading=0.12,
         rings=1.0,
-        pore_strength=0.7,
+        pore_strength=0.95,
         old=Old(strength=2.1, pore_strength=1.4, anisotropy=1.1, contrast=1.0, grain=1.2),
     ),
     # Around the lips, and the chin: short slants, soft and broad, between pores of medium size. The
@@ -201,7 +201,7 @@ ANATOMIES = FINE, COARSE = ("fine", "coarse")
 _COARSE: dict[str, dict[str, Any]] = {
     "forehead": {
         "strength": 1.25,
-        "pore_strength": 1.0,
+        "pore_radius": 0.9,
         "patchiness": 2.6,
         "old": Old(strength=1.2, contrast=1.3, grain=1.3, patchiness=0.4),
     },
@@ -224,6 +224,7 @@ _COARSE: dict[str, dict[str, Any]] = {
         "pore_strength": 1.0,
         "scale": 1.0,
         "leading": 1.2,
+        "patchiness": 3.3,
         "old": Old(strength=2.1, anisotropy=1.1, contrast=1.0, grain=1.2),
     },
     "mouth": {

@@ -50,9 +50,9 @@ _APART = 0.8
 _FIRST = ("mole", "scar", "papule", "milium", "bump", "wide_pore")
 # Of kinds that come in groups: how far their numbers to an area differ, a deviation of their
 # logarithm; and the most of the factor.
-_GROUPED, _DENSEST = 1.1, 6.0
+_GROUPED, _DENSEST = 1.4, 6.0
 # The share of these that stands alone.
-_STRAY = 0.35
+_STRAY = 0.25
 # So that random numbers for one purpose are others than for another.
 _THROWN, _SIZED, _NOISE = 11, 31, 51
 Singles = NDArray[np.float32]

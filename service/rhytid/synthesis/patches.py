@@ -19,7 +19,6 @@ from rhytid.domain.patch_noise import (
     CELLS_OF_WAVE,
     LEAST,
     LONGEST,
-    MOST_DEVIATION,
     STRENGTH_SALT,
     placement,
     table,
@@ -31,7 +30,7 @@ Factors = NDArray[np.float32]
 # Deviations of logarithms where patchiness is 1, and the most, of the turn in radians; and salts of
 # the fields. Pores are livelier where lines are (`beside_lines`), and vary among themselves.
 _FIELDS = {
-    "strength": (0.32, MOST_DEVIATION, STRENGTH_SALT),
+    "strength": (0.32, 1.35, STRENGTH_SALT),
     "beside_lines": (0.12, 0.25, STRENGTH_SALT),
     "pores": (0.16, 0.3, 13),
     "pore_radius": (0.10, 0.2, 13),
