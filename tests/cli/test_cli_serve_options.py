@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from rhytid.cli import main
+from rhytid.api.server import listening
+from rhytid.cli import main, serve
 from rhytid.cli.serve import device_numbers
-from rhytid.errors import SettingsError
+from rhytid.errors import AccessError, SettingsError
+from rhytid.processes.interpreter import possible
 from rhytid.support.settings import ServiceSettings
 
 
@@ -68,6 +72,30 @@ def test_a_fleet_without_ray_names_the_extra(
         "--ray needs the extra ray, and ray is missing; in a clone of rhytid: pip install '.[ray]'"
         in said
     )
+
+
+@pytest.mark.skipif(not possible(), reason="a device has no process of its own here")
+def test_the_process_of_the_device_is_begun_once_the_limit_of_files_is_raised(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It inherits the limit, and is begun before the port is taken and numpy is imported."""
+    done: list[str] = []
+
+    @contextmanager
+    def begun() -> Iterator[None]:
+        done.append("begun")
+        yield
+        done.append("over")
+
+    def listen(host: str, port: int) -> None:
+        done.append("listen")
+        raise AccessError("no port")
+
+    monkeypatch.setattr(serve, "begun", begun)
+    monkeypatch.setattr(listening, "allow_files", lambda connections: done.append("files"))
+    monkeypatch.setattr(listening, "listen", listen)
+    assert main(["serve", "--port", "0", "--store", str(tmp_path / "store")]) == 1
+    assert done == ["files", "begun", "listen"]
 
 
 def test_the_log_has_two_formats() -> None:

@@ -94,6 +94,8 @@ def device_numbers(text: str) -> tuple[str, ...]:
 
 def run(arguments: argparse.Namespace) -> None:
     """Listen, print the address, and serve until interrupted."""
+    from rhytid.api.server.listening import allow_files
+
     settings = _with_places(
         service_settings(arguments.store, arguments.device, arguments.shared_store)
     )
@@ -106,6 +108,7 @@ def run(arguments: argparse.Namespace) -> None:
         other = "--device" if arguments.device else "--in-process"
         raise InputError(f"--devices and {other} cannot be given together")
     fleet = _fleet_of(arguments, settings)
+    allow_files(settings.connections)  # of the process that is begun, too
     if fleet is not None:
         _listen(arguments, settings, fleet)
     elif arguments.in_process or not possible():
@@ -201,7 +204,7 @@ def _serve(
     listening: socket.socket, settings: ServiceSettings, engine_for: AbstractContextManager[Any]
 ) -> None:
     from rhytid.api.keys import leave_mark
-    from rhytid.api.server.listening import address_of, allow_files
+    from rhytid.api.server.listening import address_of
 
     log_to_stderr(settings.log_format, logging.getLevelName(_log_level().upper()), "server")
     for line in misspelt_variables():
@@ -210,7 +213,6 @@ def _serve(
         from rhytid.api.tracing import send_spans
 
         send_spans()
-    allow_files(settings.connections)
     with engine_for as engine:
         from rhytid.api.server.http_server import server_of
 
