@@ -19,6 +19,7 @@ from rhytid.engine.assets.graphs import mean_spacing
 from rhytid.formats.graphs import read_graph, write_graph
 from rhytid.synthesis.events import Events, events_of
 from rhytid.synthesis.generate import synthesize
+from rhytid.synthesis.lattice import Around
 from rhytid.synthesis.painted_fields import fields_of
 from rhytid.synthesis.statistics import statistics
 from rhytid.synthesis.surface import Surface
@@ -198,6 +199,37 @@ def test_what_lies_over_a_mole_fades() -> None:
     factor = events.fading(surface, events.points.triangle, events.points.uv)
     np.testing.assert_allclose(factor[events.kind == mole], 1.0 - EVENTS["mole"].fading, atol=1e-3)
     assert (factor[events.kind == bump] == 1.0).mean() > 0.9
+
+
+def test_what_is_near_any_place_is_told_from_what_is_not() -> None:
+    """Also beyond the grid, which ends near the outermost of the places."""
+    rng = np.random.default_rng(3)
+    for spread, reach in ((np.array([1.0, 1.0, 0.2]), 0.03), (np.array([1.0, 0.0, 0.0]), 0.001)):
+        centres = spread * rng.random((30, 3))
+        near = centres[rng.integers(0, 30, 3000)] + reach * rng.normal(size=(3000, 3))
+        asked = np.concatenate([near, 3.0 * rng.random((20_000, 3)) - 1.0])
+        some = Around(centres, reach).near(asked)
+        assert (np.diff(some) > 0).all()
+        within = np.flatnonzero(cKDTree(centres).query(asked)[0] <= reach)
+        assert len(within) > 500
+        assert set(within) <= set(some)
+        assert len(some) < 0.4 * len(asked)
+
+
+def test_lines_fade_over_the_nearest_event() -> None:
+    events, _ = placed(sheet())
+    surface, rng = Surface.of(sheet()), np.random.default_rng(6)
+    triangle = rng.integers(0, len(surface.uv), 5000)
+    shares = rng.dirichlet((1.0, 1.0, 1.0), 5000)
+    uv = np.einsum("nc,ncu->nu", shares, surface.uv[triangle]).astype(np.float32)
+    most = np.array([0.0, *(event.fading for event in EVENTS.values())])[events.kind]
+    over = np.flatnonzero(most > 0.0)
+    apart, nearest = cKDTree(events.points.position[over]).query(surface.place(triangle, uv))
+    nearest = over[nearest]
+    inside = np.maximum(1.0 - (apart / events.radius[nearest]) ** 4, 0.0)
+    found = events.fading(surface, triangle, uv)
+    assert (found < 1.0).sum() > 20
+    np.testing.assert_allclose(found, 1.0 - most[nearest] * inside, rtol=1e-6)
 
 
 def test_events_change_no_pore_and_no_line_but_where_they_fade(device: Device) -> None:

@@ -23,8 +23,9 @@ from rhytid.domain.skin import depth_factor
 from rhytid.support import cancellation
 from rhytid.synthesis.fields import Fields, SmoothNoise, level_directions
 from rhytid.synthesis.hashes import Words, random4, unit_interval
+from rhytid.synthesis.lattice import Around
 from rhytid.synthesis.leaders import unit_length
-from rhytid.synthesis.progress import row_blocks
+from rhytid.synthesis.progress import over_rows, row_blocks
 from rhytid.synthesis.seams.copies import Arrays
 from rhytid.synthesis.shapes import pore_ellipses
 from rhytid.synthesis.surface import (
@@ -125,13 +126,20 @@ class Events:
         factor = np.ones(len(triangle), np.float32)
         if not len(over):
             return factor
-        tree, radius = scipy.spatial.cKDTree(self.points.position[over]), self.radius[over]
-        places = surface.place(triangle, uv.astype(np.float64))
-        distance, near = tree.query(places, k=1, distance_upper_bound=float(radius.max()))
-        there = np.flatnonzero(np.isfinite(distance))
-        event = near[there]
-        inside = np.maximum(1.0 - (distance[there] / radius[event]) ** 4, 0.0)
-        factor[there] = 1.0 - most[over][event] * inside
+        centre, radius = self.points.position[over], self.radius[over]
+        reach = float(radius.max())
+        tree, around = scipy.spatial.cKDTree(centre), Around(centre, reach)
+
+        def fade(rows: slice) -> None:
+            places = surface.place(triangle[rows], uv[rows].astype(np.float64))
+            some = around.near(places)
+            distance, near = tree.query(places[some], k=1, distance_upper_bound=reach)
+            found = np.isfinite(distance)
+            event, there = near[found], some[found]
+            inside = np.maximum(1.0 - (distance[found] / radius[event]) ** 4, 0.0)
+            factor[rows.start + there] = 1.0 - most[over][event] * inside
+
+        over_rows(len(triangle), fade)
         return factor
 
 

@@ -4,6 +4,7 @@ at such places on the device, listed by the cells of a grid. Kernels: grid.cl, p
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ _STEPS = 30
 # A length that places are counted for has 2^_FINE steps: the order of places is the same at any
 # scale of the mesh.
 _FINE = 16
+# Cells along a side of the grid around a few places, at most.
+_SIDE = 100
 # What the origin is moved by where a mesh is far from that of its coordinates, in steps.
 _BLOCK = 2.0 ** (_STEPS - 4)
 
@@ -154,6 +157,31 @@ class DevicePoints:
     def points(self) -> tuple[Any, ...]:
         """Places and normals, as arguments of kernels."""
         return self.place, self.normal
+
+
+class Around:
+    """Tells places that may lie within `reach` of some centres (E, 3) from those that do not, by
+    the cells of a grid: few are near, and of each a tree takes long to say that it is not."""
+
+    def __init__(self, centres: NDArray[np.float64], reach: float) -> None:
+        low, high = centres.min(axis=0), centres.max(axis=0)
+        self._cell = max(reach * (1.0 + 1e-6), float((high - low).max()) / _SIDE)
+        # To either side of the cells with centres one that is near, and one that all beyond is in.
+        self._low = low - 2.0 * self._cell
+        at = ((centres - self._low) / self._cell).astype(np.int64)
+        self._near = np.zeros(at.max(axis=0) + 3, np.bool_)
+        for step in product((-1, 0, 1), repeat=3):
+            self._near[tuple((at + step).T)] = True
+
+    def near(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The numbers of places (N, 3) that may be near, ascending."""
+        number = np.zeros(len(places), np.int64)
+        for axis, side in enumerate(self._near.shape):
+            at = (places[:, axis] - self._low[axis]) / self._cell
+            number *= side
+            number += np.clip(at, 0.0, side - 1.0).astype(np.int64)
+        found: NDArray[np.int64] = np.flatnonzero(self._near.ravel().take(number))
+        return found
 
 
 def _spread(value: NDArray[np.uint64]) -> NDArray[np.uint64]:
