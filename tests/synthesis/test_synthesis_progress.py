@@ -9,7 +9,7 @@ import pytest
 
 from rhytid.errors import CancelledError
 from rhytid.support import cancellation
-from rhytid.synthesis.progress import over_rows, row_blocks
+from rhytid.synthesis.progress import over_block, over_rows, row_blocks
 
 
 @pytest.mark.parametrize("count", [0, 1, 999, 1000, 4321])
@@ -45,5 +45,26 @@ def test_long_work_within_a_block_is_cancelled() -> None:
             pass
 
     with cancellation.scope(check), pytest.raises(CancelledError):
-        over_rows(10, look, each=10)
+        over_rows(20, look, each=10)
     assert asked.is_set()
+
+
+def test_a_single_block_is_done_on_this_thread() -> None:
+    threads = set()
+
+    def look(rows: slice) -> None:
+        threads.add(threading.current_thread())
+
+    over_rows(10, look, each=10)
+    assert threads == {threading.current_thread()}
+
+
+def test_the_rows_of_a_block_have_their_turn_alone() -> None:
+    seen = np.zeros(300_000, np.int64)
+
+    def add(rows: slice) -> None:
+        seen[rows] += 1
+
+    over_block(slice(1000, 250_000), add)
+    assert (seen[1000:250_000] == 1).all()
+    assert seen.sum() == 249_000

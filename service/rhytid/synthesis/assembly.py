@@ -15,7 +15,7 @@ from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.hashes import place_keys
 from rhytid.synthesis.lines import Lines, ends_of
 from rhytid.synthesis.pore_density import Usual
-from rhytid.synthesis.progress import Progress, part, row_blocks
+from rhytid.synthesis.progress import Progress, over_block, part, row_blocks
 from rhytid.synthesis.ranks import Ranks, Strips
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.charts import trace
@@ -183,8 +183,8 @@ class GraphParts:
         uv = np.concatenate([self.pores.uv, lines.beyond])
         weight, factor, half_width, wide = (np.empty(len(chosen), np.float32) for _ in range(4))
         even = fields.unpatched
-        for rows in row_blocks(len(chosen)):
-            progress(0.4 * rows.start / len(chosen), "shapes")
+
+        def find(rows: slice) -> None:
             triangle, step = lines.triangle[rows], lines.step[rows]
             middle = uv[lines.nodes[rows, 0]] + np.float32(0.5) * step
             weight[rows] = shapes.edge_weights(chosen[rows], self.strengths.usual.strength)
@@ -210,6 +210,10 @@ class GraphParts:
             if ranks is not None:
                 factor[rows] *= ranked.factor
                 np.minimum(factor[rows], ranked.most, out=factor[rows])
+
+        for block in row_blocks(len(chosen)):
+            progress(0.4 * block.start / len(chosen), "shapes")
+            over_block(block, find)
         second = slice(lines.whole, None)
         factor[second] = factor[lines.copy_of[second]]  # both halves across a seam are one wrinkle
         return weight, factor, half_width, wide

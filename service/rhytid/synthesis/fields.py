@@ -160,13 +160,14 @@ class Directions:
         self, points: Points, progress: Progress
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """(N, 3) unit tangents along the main lines, and those a right angle to the left."""
-        turn = self._fields.turn(points.triangle, points.uv).astype(np.float32)
-        bend = self._fields.bend(points.triangle, points.uv).astype(np.float32)
         along, left = (np.empty((len(points), 3), np.float32) for _ in range(2))
         progress(0.0, "directions")
 
         def lay(rows: slice) -> None:
-            angle = turn[rows] + bend[rows] * self._bend(points.position[rows])
+            place = points.triangle[rows], points.uv[rows]
+            bend = self._fields.bend(*place).astype(np.float32)
+            angle = self._fields.turn(*place).astype(np.float32)
+            angle = angle + bend * self._bend(points.position[rows])
             cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
             normal = points.normal[rows].astype(np.float64)
             level = level_directions(normal)

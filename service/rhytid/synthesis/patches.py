@@ -58,7 +58,7 @@ class Patches:
     def __init__(self, surface: Surface, seed: int, wave: float) -> None:
         self._seed, self.size = seed, wave * surface.scale
         self._planes = _planes(surface, wave / CELLS_OF_WAVE)
-        self._laid: tuple[int, Factors] | None = None
+        self._laid: dict[int, Factors] = {}
         length = float(np.sqrt(np.median(surface.density[surface.carries])))
         self.detail = wave / CELLS_OF_WAVE / length
 
@@ -119,10 +119,10 @@ class Patches:
 
     def _in_table(self, salt: int) -> Factors:
         """(F, 9) `_planes` as the field of a salt lies in the table, in single precision: 1e-4 of a
-        cell at most on a face. That of the last is kept: densities are asked for at millions of
-        places one after the other."""
-        known = self._laid
-        if known is None or known[0] != salt:
+        cell at most on a face. They are kept: places are asked for some thousands at a time, by
+        several threads."""
+        known = self._laid.get(salt)
+        if known is None:
             rows = placement(self._seed, salt)
             # One by one: a matrix product may round a row by where in the array it is.
             laid = np.stack(
@@ -132,8 +132,8 @@ class Patches:
                 ]
             )
             laid[2] += np.array(rows)[:, 3:]
-            known = self._laid = salt, np.ascontiguousarray(laid.reshape(9, -1).T, np.float32)
-        return known[1]
+            known = self._laid[salt] = np.ascontiguousarray(laid.reshape(9, -1).T, np.float32)
+        return known
 
 
 def _deviations(name: str, amount: Factors) -> Factors:

@@ -67,7 +67,7 @@ def row_blocks(count: int) -> Iterator[slice]:
 
 def over_rows(count: int, task: Callable[[slice], None], each: int = _EACH) -> None:
     """Run a task for the rows 0 to `count`, `each` at a time, on as many threads as there are
-    cores. No block may ask for another.
+    cores; a single block on this thread, so that a block may ask for one more.
 
     Raises what the task raises, and what `cancellation.check` does between blocks.
     """
@@ -78,6 +78,10 @@ def over_rows(count: int, task: Callable[[slice], None], each: int = _EACH) -> N
             task(rows)
 
     blocks = [slice(first, min(first + each, count)) for first in range(0, count, each)]
+    if len(blocks) == 1:
+        cancellation.check()
+        task(blocks[0])
+        return
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         try:
             for _ in pool.map(run, blocks):
@@ -85,3 +89,9 @@ def over_rows(count: int, task: Callable[[slice], None], each: int = _EACH) -> N
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
+
+
+def over_block(block: slice, task: Callable[[slice], None]) -> None:
+    """`over_rows` for the rows of a block."""
+    first = block.start
+    over_rows(block.stop - first, lambda rows: task(slice(first + rows.start, first + rows.stop)))
