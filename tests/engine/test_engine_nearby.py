@@ -19,6 +19,7 @@ from pipeline.scenes import random_graph, settings_of, sheet
 from rhytid.device.runtime import Device
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.domain.tiles import MapAddress, TileAddress
+from rhytid.engine.device_assets import frames
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.engine import Engine
 from rhytid.engine.frames import Frame
@@ -57,6 +58,12 @@ def orderly(span: float = 1.0) -> WrinkleGraph:
 
 def tile_of(asset: DeviceAsset, frame: Frame, query: MapQuery, at: TileAddress) -> bytes:
     return asset.finest.tiles(frame, query, [at])[0].tobytes()
+
+
+@pytest.fixture(autouse=True)
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Any number of squares is few."""
+    monkeypatch.setattr(frames, "_SQUARE", 1)
 
 
 @pytest.fixture
@@ -128,6 +135,33 @@ def test_elements_that_are_far_from_a_tile_have_not_answered(device):
     asset.release()
 
 
+@pytest.mark.usefixtures("unknown")
+def test_of_a_frame_of_which_many_tiles_are_asked_for_all_answers_at_once(device, monkeypatch):
+    monkeypatch.setattr(frames, "_SQUARE", LINES // 2)  # two squares are few
+    asset = asset_of(device, lines=orderly(), tile_size=TILE, **BEST)
+
+    def complete(frame, addresses):
+        """Whether lines, scales and factors of all are there after each of some tiles."""
+        for at in addresses:
+            square, tile = asset.mesh.square(at), (at, asset.bins.tile(at))
+            buffers = (
+                asset.frames.line_stretches(frame, BINNED, 1001, square),
+                asset.frames.scales(frame, REDRAW, 1001, square).pores,
+                asset.frames.coefficients(frame, "tensor", tile).own,
+            )
+            found = [device.read(b, (b.nbytes // 4,), np.float32) for b in buffers]
+            found = [np.isfinite(values).all() for values in found]
+            assert len(set(found)) == 1
+            yield found[0]
+
+    shown = [
+        list(complete(frame, ADDRESSES[::step][:count]))
+        for frame, step, count in zip(FRAMES, (5, 5, 5, 5, 5), (2, 3, 1, 1, 2), strict=False)
+    ]
+    assert shown == [[False] * 2, [False, False, True], [True], [False], [False] * 2]
+    asset.release()
+
+
 @pytest.fixture
 def engines(tmp_path: Path) -> Iterator[tuple[Engine, Engine]]:
     with running(tmp_path / "one") as one, running(tmp_path / "other") as other:
@@ -139,10 +173,10 @@ def test_clients_at_once_get_tiles_of_every_udim_and_level(engines: tuple[Engine
     mesh = sheet(udims=2)
     new = NewAsset(mesh, settings_of(**CHOICES["best"]), orderly(2.0))
     first, second = (built(engine, new) for engine in engines)
-    frames = [Frame.of(deform(mesh.positions, seed, 0.15)) for seed in (1, 2)]
+    bent = [Frame.of(deform(mesh.positions, seed, 0.15)) for seed in (1, 2)]
     asked = [
         (frame, query, TileAddress(udim, level, row, column))
-        for frame in frames
+        for frame in bent
         for query in (REDRAW, BINNED)
         for udim in (1001, 1012)
         for level in (0, 1)
@@ -153,7 +187,7 @@ def test_clients_at_once_get_tiles_of_every_udim_and_level(engines: tuple[Engine
         (frame.digest, query, udim, level): engines[0]
         .tiles.draw(first, frame, query, MapAddress(udim, level))
         .tile
-        for frame in frames
+        for frame in bent
         for query in (REDRAW, BINNED)
         for udim in (1001, 1012)
         for level in (0, 1)

@@ -3,7 +3,7 @@ triangles, events, and grain."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import partial
 from typing import Any
 
@@ -43,6 +43,8 @@ from rhytid.pipeline.smooth import SmoothFields, respond_smooth, smooth_wrinkle_
 from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.work import Square
 
+# What a square costs beside its own elements, in lines that answer to a frame.
+_SQUARE = 1 << 17
 # Frames of one UDIM whose lines keep their log stretch: clients on as many frames take turns.
 _LINE_FRAMES = 4
 
@@ -55,6 +57,9 @@ class DeviceFrames:
         self._base = base
         # Which of the buffers of lines a frame has, the one used longest ago first.
         self._held: dict[tuple[Any, ...], dict[str, int]] = {}
+        # By what is found: the last frame, squares of it that were asked for, and how many of the
+        # frame before.
+        self._asked: dict[tuple[Any, ...], tuple[str, set[Hashable], int]] = {}
 
     def ratios(self, frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Ratios (F, 2), unclamped, and axes (F, 2, 2) of the stretch of a frame."""
@@ -107,6 +112,7 @@ class DeviceFrames:
             respond_nearby(device, elements, settings, found, self.stretch(frame, model), near)
 
         if sampling != "smooth":
+            square = self._alone(frame, ("scales", udim, model), udim, square)
             self._fill(found.filled, udim, square, fill)
         return found
 
@@ -133,6 +139,7 @@ class DeviceFrames:
             found.fill(device, elements, settings, responder, near)
 
         square = None if query.sampling == "smooth" else square
+        square = self._alone(frame, ("lines", *key), udim, square)
         self._fill(found.filled, udim, square, fill)
         return found.ends
 
@@ -143,11 +150,8 @@ class DeviceFrames:
         square: Square | None,
         fill: Callable[[NearbyGroups | None], None],
     ) -> None:
-        """Fill what elements of a square answer to a frame, unless it is there. A tile or less is
-        filled alone, so that it need not wait for the rest; of more all is."""
+        """Fill what elements of a square answer to a frame, or all of them, unless it is there."""
         base, near = self._base, None
-        if square and not square[2] <= base.tile_side < base.settings.resolution:
-            square = None
         if None in filled or square in filled:
             return
         if square is not None:
@@ -155,6 +159,27 @@ class DeviceFrames:
             near = base.cache.keep("nearby", udim, *square, make=make)
         fill(near)
         filled.add(square)
+
+    def _alone(
+        self, frame: Frame, what: tuple[Any, ...], udim: int, square: Square | None
+    ) -> Square | None:
+        """The tile that a square lies in, where what is found for a frame is found for it alone,
+        so that it need not wait for the rest; else None. Alone are tiles of a frame that are few:
+        of many all is found at once, as in the frame after."""
+        base, side = self._base, self._base.tile_side
+        if square is None or side == base.settings.resolution:
+            return None
+        row, column = (at // side * side for at in square[:2])
+        if max(square[0] - row, square[1] - column) + square[2] > side:
+            return None
+        square = (row, column, side)
+        digest, squares, before = self._asked.get(what, ("", set(), 0))
+        if digest != frame.digest:
+            squares, before = set(), len(squares)
+        squares.add(square)
+        self._asked[what] = frame.digest, squares, before
+        few = max(len(squares), before) <= base.elements[udim].wrinkles // _SQUARE
+        return square if few else None
 
     def _place_of(self, frame: Frame, key: tuple[Any, ...]) -> int:
         """The number of the buffer that a frame has or takes over, for one key."""
@@ -184,6 +209,9 @@ class DeviceFrames:
             frame, "coefficients", model,
             make=lambda: blend.without_codes(self.stretch(frame, model)),
         )  # fmt: skip
+        if alone:
+            at, what = alone[0], ("coefficients", alone[0].udim, model)
+            alone = alone if self._alone(frame, what, at.udim, base.square(at)) else None
         place, groups = alone[0] if alone else None, None
         if found.filled.isdisjoint((None, place)):
             if alone:
