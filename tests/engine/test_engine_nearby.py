@@ -113,6 +113,19 @@ def test_tiles_in_any_order_are_those_of_the_map(device, choice, wanted, query):
 
 
 @pytest.mark.usefixtures("unknown")
+@pytest.mark.parametrize("query", [REDRAW, BINNED], ids=["redraw", "binned"])
+def test_a_tile_is_the_same_again_after_others(device, query):
+    """Of lines that no one else continues, and whose number is no multiple of sixteen: the last of
+    them share a group with the none behind them, which every tile needs."""
+    lines = replace(orderly(), edge_copy_of=None, edge_partners=np.full((LINES, 2), -1, np.int32))
+    asset = asset_of(device, lines=lines, tile_size=TILE, **BEST)
+    first = [tile_of(asset, FRAMES[0], query, at) for at in ADDRESSES]
+    tile_of(asset, FRAMES[1], query, ADDRESSES[0])  # no tile of the frame before is kept
+    assert [tile_of(asset, FRAMES[0], query, at) for at in ADDRESSES] == first
+    asset.release()
+
+
+@pytest.mark.usefixtures("unknown")
 def test_elements_that_are_far_from_a_tile_have_not_answered(device):
     asset = asset_of(device, lines=orderly(), tile_size=TILE, **BEST)
     at, elements = ADDRESSES[5], asset.mesh.elements[1001]

@@ -56,9 +56,9 @@ class Groups(BufferGroup):
 class NearbyGroups(BufferGroup):
     """The groups that a square needs.
 
-    wrinkles: of those that may be drawn there, and of the none behind the last.  answering: these,
-    and those of wrinkles that continue them, from whose stretch theirs follows.  pores: of those
-    that may be drawn there.
+    wrinkles: of those that may be drawn there, and of the none behind the last.  answering: these
+    where they have wrinkles, and those of wrinkles that continue them, from whose stretch theirs
+    follows.  pores: of those that may be drawn there.
     """
 
     wrinkles: Groups
@@ -91,8 +91,10 @@ class NearbyElements:
     def of(self, device: Device, square: Square) -> NearbyGroups:
         """The groups of a square of level 0."""
         drawn = _united([_in_square(lists, square, side) for lists, side in self._lists])
-        answering = _united([drawn, self._beside(drawn)])
         none = np.array([self._count // VECTOR], np.int32)
+        if self._count % VECTOR:  # the last wrinkles are in its group
+            drawn = _united([drawn, none])
+        answering = _united([drawn, self._beside(drawn)])
         pores = _united([_in_square(self._pores, square, BLOCK)])
         found = (_united([drawn, none]), answering, pores)
         return NearbyGroups(*(Groups.upload(device, some) for some in found))
