@@ -17,8 +17,8 @@ inline void store_scales(float16 r, float width_exponent, float depth_exponent, 
         scales[first + lane] = (float2)(width[lane], depth[lane]);
 }
 
-// groups: as in first_in_group. triangle: what the centre of each wrinkle samples. jacobians: NULL for angles in UV. stiffness: of
-// each wrinkle, or NULL. found: see RESPONSE.
+// groups: as in first_in_group. triangle: what the centre of each wrinkle samples. jacobians: NULL for
+// angles in UV. stiffness: of each wrinkle, or NULL. found: see RESPONSE.
 __kernel void respond_wrinkles(__global const int *groups, __global const float4 *segments,
                                __global const int *triangle, __global const float4 *axes,
                                __global const float2 *logs, __global const float4 *jacobians,
