@@ -91,7 +91,7 @@ REGIONS: dict[str, Region] = {
     "forehead": Region(
         density=1.0,
         strength=1.1,
-        pore_strength=1.0,
+        pore_strength=0.92,
         anisotropy=1.85,
         bend=0.3,
         scale=1.2,
@@ -201,6 +201,7 @@ ANATOMIES = FINE, COARSE = ("fine", "coarse")
 _COARSE: dict[str, dict[str, Any]] = {
     "forehead": {
         "strength": 1.25,
+        "pore_strength": 1.0,
         "pore_radius": 0.9,
         "patchiness": 2.6,
         "old": Old(strength=1.2, contrast=1.3, grain=1.3, patchiness=0.4),
