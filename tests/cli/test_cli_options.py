@@ -29,6 +29,14 @@ def test_no_options_are_no_settings() -> None:
     assert asset_settings(options()) == {}
 
 
+@pytest.mark.parametrize("text", ['{"graph": {"agee": 1}}', "[]", "{"])
+def test_a_file_of_settings_that_is_wrong_is_named(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "s.json"
+    file.write_text(text)
+    with pytest.raises(SettingsError, match=f"^{file}"):
+        given_settings(options(settings=file))
+
+
 def test_options_overrule_the_file(tmp_path: Path) -> None:
     file = tmp_path / "s.json"
     file.write_text('{"resolution": 512, "graph": {"seed": 3, "wrinkles": 500}, "depth": 0.1}')

@@ -134,6 +134,13 @@ def test_a_second_bake_is_told_of_the_first(
         assert "is in use by another rhytid serve, process " in capsys.readouterr().err
 
 
+def test_no_server_begins_in_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "store"
+    file.write_text("of somebody else")
+    assert main(["serve", "--store", str(file), "--port", "0"]) == 1
+    assert capsys.readouterr().err == f"rhytid serve: the store {file} is a file, not a folder\n"
+
+
 def test_a_store_that_an_earlier_version_holds_is_in_use_all_the_same(tmp_path: Path) -> None:
     with AssetStore(tmp_path):
         (tmp_path / "lock").write_text("")

@@ -46,7 +46,7 @@ def test_serve_tells_its_address_and_ends_when_told(
             monkeypatch.setattr(http_server, "server_of", None)  # else it would serve for good
             assert main(SERVE) == 1
             [told] = capsys.readouterr().err.splitlines()
-            assert "store is in use by another rhytid serve" in told
+            assert f"store is in use by another rhytid serve, process {running.pid}" in told
         running.send_signal(number)
         _, errors = running.communicate(timeout=60)
 

@@ -14,6 +14,7 @@ from rhytid.domain.mesh_warnings import FrameCheck, mesh_warnings
 from rhytid.domain.notices import Notice, spacing_of_count
 from rhytid.domain.warnings import (
     DEVICES_MIXED,
+    SCAN_FILL,
     SCAN_LINES,
     SETTINGS_CHANGED,
     SETTINGS_UNUSED,
@@ -68,7 +69,7 @@ class RunWarnings:
     def settings(self, warnings: Iterable[InputWarning]) -> None:
         """Warn of settings, and of what was traced. Other warnings of an asset are left out:
         `inputs` and `frame` print those of meshes and frames. Raises StrictError."""
-        told = SETTINGS_CHANGED, SETTINGS_UNUSED, SCAN_LINES
+        told = SETTINGS_CHANGED, SETTINGS_UNUSED, SCAN_LINES, SCAN_FILL
         self.add(w for w in warnings if w.code in told)
         self.refuse()
 

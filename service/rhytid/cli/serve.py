@@ -107,6 +107,8 @@ def run(arguments: argparse.Namespace) -> None:
     if settings.devices and (arguments.device or arguments.in_process):
         other = "--device" if arguments.device else "--in-process"
         raise InputError(f"--devices and {other} cannot be given together")
+    if settings.store.is_file():
+        raise InputError(f"the store {settings.store} is a file, not a folder")
     fleet = _fleet_of(arguments, settings)
     allow_files(settings.connections)  # of the process that is begun, too
     if fleet is not None:

@@ -145,7 +145,10 @@ def given_settings(arguments: argparse.Namespace) -> dict[str, Any]:
         given = json.loads(arguments.settings.read_bytes())
     except (ValueError, RecursionError) as exc:
         raise SettingsError(f"{arguments.settings} is not JSON: {exc}") from exc
-    AssetSettings.parse(given)
+    try:
+        AssetSettings.parse(given)
+    except SettingsError as exc:
+        raise SettingsError(f"{arguments.settings}: {exc}") from exc
     return dict(given)
 
 

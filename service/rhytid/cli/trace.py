@@ -36,6 +36,7 @@ from rhytid.cli.skin_options import add_settings, given_settings
 from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import millimetres, unit_after_number, usual_spacing
+from rhytid.domain.settings_changes import READ_OF_GIVEN
 from rhytid.support.console import make_folder, report, share_bar, table, working
 
 if TYPE_CHECKING:
@@ -197,7 +198,8 @@ def _write(out: Path, device: Device, scan: _Scan, found: _Found) -> None:
         for udim, residual in sorted(found.trace.residual.items()):
             pieces = _residual(device, scan, udim, residual)
             write_pieces(place / f"residual.{udim}.exr", pieces)
-        write_file(place / SETTINGS, f"{json.dumps(_for_bake(scan), indent=2)}\n".encode())
+        settings = _for_bake(scan, grown=found.trace.grown)
+        write_file(place / SETTINGS, f"{json.dumps(settings, indent=2)}\n".encode())
         _draw(place / PICTURE, scan, found)
         for file in sorted(place.iterdir()):
             install(file, out / file.name)
@@ -220,17 +222,20 @@ def _residual(device: Device, scan: _Scan, udim: int, residual: NDArray[np.float
     return exr_parts(padded, {**facts, **file_attributes()})
 
 
-def _for_bake(scan: _Scan) -> dict[str, Any]:
+def _for_bake(scan: _Scan, *, grown: bool) -> dict[str, Any]:
     """The settings with which `bake` draws the graph: grain and undulation are in the residual,
-    and lines bend and change along their way, whatever the preset says."""
+    unless grown skin fills in, and lines bend and change along their way, whatever the preset says.
+    Settings by which skin grows are left out."""
     from rhytid.tracing.trace import traced_settings
 
     shape = scan.settings.shape
-    relief = scan.relief
-    drawn = asdict(traced_settings(scan.settings, relief.detail > 0.0, relief.filled).shape)
+    drawn = asdict(traced_settings(scan.settings, scan.relief.detail > 0.0, grown).shape)
     other = {name: value for name, value in drawn.items() if value != getattr(shape, name)}
     no_more = {name: drawn[name] for name in ("grain", "undulation")}
-    return {**scan.given, "shape": {**scan.given.get("shape", {}), **no_more, **other}}
+    given = {**scan.given, "shape": {**scan.given.get("shape", {}), **no_more, **other}}
+    if "graph" in given:
+        given["graph"] = {n: v for n, v in given["graph"].items() if n in READ_OF_GIVEN}
+    return given
 
 
 def _draw(file: Path, scan: _Scan, found: _Found) -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -35,8 +34,16 @@ ORIGIN: Centre = np.zeros(3)
 ORIGIN.setflags(write=False)
 
 
+class _Kept:
+    """What was found of a mesh, kept beside its arrays and no part of it."""
+
+    __slots__ = ("_usable", "_with_uv")
+    _usable: NDArray[np.bool_]
+    _with_uv: NDArray[np.bool_]
+
+
 @dataclass(frozen=True, eq=False)
-class Mesh:
+class Mesh(_Kept):
     """A triangle mesh whose texture coordinates have indices of their own.
 
     positions: (V, 3) float32, in the length unit of the mesh, in the order of the file.
@@ -101,27 +108,23 @@ class Mesh:
 
     def usable_triangles(self) -> NDArray[np.bool_]:
         """(F,) true where a triangle has area both in space and in UV; read-only."""
+        if not hasattr(self, "_usable"):
+            usable = self.triangles_with_uv().copy()
+            for part in in_parts(len(usable)):
+                usable[part] &= has_area(self.positions[self.faces[part]].astype(np.float64))
+            usable.setflags(write=False)
+            object.__setattr__(self, "_usable", usable)
         return self._usable
 
     def triangles_with_uv(self) -> NDArray[np.bool_]:
         """(F,) true where a triangle has area in UV, whatever it has in space; read-only."""
+        if not hasattr(self, "_with_uv"):
+            found = np.empty(len(self.face_uv), np.bool_)
+            for part in in_parts(len(found)):
+                found[part] = has_area(self.uv[self.face_uv[part]])
+            found.setflags(write=False)
+            object.__setattr__(self, "_with_uv", found)
         return self._with_uv
-
-    @cached_property
-    def _usable(self) -> NDArray[np.bool_]:
-        usable: NDArray[np.bool_] = self._with_uv.copy()
-        for part in in_parts(len(usable)):
-            usable[part] &= has_area(self.positions[self.faces[part]].astype(np.float64))
-        usable.setflags(write=False)
-        return usable
-
-    @cached_property
-    def _with_uv(self) -> NDArray[np.bool_]:
-        found = np.empty(len(self.face_uv), np.bool_)
-        for part in in_parts(len(found)):
-            found[part] = has_area(self.uv[self.face_uv[part]])
-        found.setflags(write=False)
-        return found
 
     def triangle_uv(self) -> NDArray[np.float64]:
         """(F, 3, 2) texture coordinates of the corners."""

@@ -18,7 +18,7 @@ CHANGEABLE = ("depth", "angles", "response", "shape", "preset", "bins", "convolv
 _LISTED = 6
 _R_MAX = "bins.r_max"
 # Of `graph`, what is read where the graph is given: of the lengths and of the grain.
-_READ_OF_GIVEN = ("spacing", "seed")
+READ_OF_GIVEN = ("spacing", "seed")
 
 
 def settings_changed(
@@ -63,7 +63,7 @@ def settings_unused(settings: AssetSettings) -> tuple[InputWarning, ...]:
     """A warning where settings of the synthesis were sent together with a graph or a scan."""
     usual = asdict(AssetSettings.parse({"preset": settings.preset}).graph)
     given = asdict(settings.graph).items()
-    unread = {n: v for n, v in given if v != usual[n] and n not in _READ_OF_GIVEN}
+    unread = {n: v for n, v in given if v != usual[n] and n not in READ_OF_GIVEN}
     if not unread:
         return ()
     listed = ", ".join(f"graph.{name} ({_json(value)})" for name, value in unread.items())

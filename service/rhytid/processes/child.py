@@ -38,6 +38,7 @@ from rhytid.processes.wire import (
     receive,
     send,
 )
+from rhytid.storage.lock import known_by
 from rhytid.storage.snapshots import Snapshot
 from rhytid.support.logs import log_to_stderr
 
@@ -65,6 +66,7 @@ def main(control: int, parent: int) -> NoReturn:
     if found is None:
         os._exit(0)
     start: Start = found[0]
+    known_by(parent)
     report, figures_memory = found[1]
     _log_as(start)
     memory = mapped(report, SHARED).data

@@ -30,8 +30,16 @@ _FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
 # The name of this process in the stores that it locks: a server, unless a command says.
 _SERVER = "rhytid serve"
 _name = _SERVER
+# The process that is named there: this one, or the server whose device this one has.
+_process: int | None = None
 # Bytes of a name that are read.
 _LONGEST = 100
+
+
+def known_by(process: int) -> None:
+    """From now on this process names another in the stores that it locks: the one to end."""
+    global _process
+    _process = process
 
 
 @contextmanager
@@ -77,7 +85,7 @@ class FolderLock(FileLock):
         super().__init__(path, f"store {folder} is in use by {_holder(path)}")
         with suppress(OSError):  # on a full disk it is held without a name
             os.ftruncate(self._descriptor, 0)
-            os.write(self._descriptor, f"{_name}, process {os.getpid()}\n".encode())
+            os.write(self._descriptor, f"{_name}, process {_process or os.getpid()}\n".encode())
 
 
 def _holder(path: Path) -> str:

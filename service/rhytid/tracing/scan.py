@@ -21,7 +21,7 @@ from rhytid.synthesis.workspace import Caller, Workspace, directly
 from rhytid.tracing.detail import with_detail
 from rhytid.tracing.fit import drawn_neutral
 from rhytid.tracing.measure import depth_of, fine_part
-from rhytid.tracing.mixed import Growth, ScanShares, denied_of, mixed, without_grain
+from rhytid.tracing.mixed import Growth, ScanShares, denied_of, mixed
 from rhytid.tracing.trace import Relief, Trace, TraceSettings, charted, trace, traced_settings
 
 # How much of the work is done when skin is grown that fills in.
@@ -93,8 +93,7 @@ def _filled(
     progress(0.0, "measuring")
     shares = ScanShares.of(device, mesh, scan, settings.resolution)
     if shares.all_scan:
-        found = traced_scan(device, mesh, replace(scan, border=0.0), settings, progress, call)
-        return replace(found, graph=without_grain(found.graph))
+        return traced_scan(device, mesh, replace(scan, border=0.0), settings, progress, call)
     maps, charts = _counting(device, mesh, scan, settings, shares)
     settings = settings.for_synthesis()
     grown = synthesize(

@@ -247,7 +247,7 @@ class AssetBuilder:
     def _traced(
         self, job: Job, asset: Asset, request: StoredRequest, scan: ScanRelief
     ) -> tuple[WrinkleGraph, Residual]:
-        from rhytid.tracing.mixed import Growth
+        from rhytid.tracing.mixed import Growth, without_grain
         from rhytid.tracing.scan import fill_warnings, traced_scan
 
         def report(share: float, stage: str) -> None:
@@ -261,7 +261,10 @@ class AssetBuilder:
             asset.warnings += (*fill_warnings(scan, found), *self._left(scan, found))
         for udim in asset.udims:
             check_cover(found.graph, request.settings, udim, self._limit)
-        return found.graph, Residual.of(found.residual)
+        graph = found.graph
+        if scan.filled and not found.grown:  # its settings have the grain of grown skin
+            graph = without_grain(graph)
+        return graph, Residual.of(found.residual)
 
     def _left(self, scan: ScanRelief, found: Trace) -> tuple[InputWarning, ...]:
         """Warnings of UDIMs whose lines explain next to nothing."""
