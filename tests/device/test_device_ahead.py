@@ -149,6 +149,10 @@ def test_a_record_that_does_not_hold_is_passed_over(
     ahead._thread.join()
     ahead.close()
     assert len(built) == (0 if isinstance(known, str) else 1)
+    fresh.programs.begin_noting()
+    listed(fresh)
+    ahead.note_drawn()
+    assert "vectors" in names(tmp_path, fresh)
 
 
 def test_while_it_builds_nothing_is_remembered(

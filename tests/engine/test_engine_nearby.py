@@ -175,6 +175,21 @@ def test_of_a_frame_of_which_many_tiles_are_asked_for_all_answers_at_once(device
     asset.release()
 
 
+@pytest.mark.usefixtures("unknown")
+def test_a_client_on_another_frame_changes_nothing_of_that(device, monkeypatch):
+    monkeypatch.setattr(frames, "_SQUARE", LINES // 2)  # two squares are few
+    asset = asset_of(device, lines=orderly(), tile_size=TILE, **BEST)
+    squares = [asset.mesh.square(at) for at in ADDRESSES]
+    shown = []
+    for square in squares[1:5]:
+        asset.frames.scales(FRAMES[0], REDRAW, 1001, squares[0])
+        pores = asset.frames.scales(FRAMES[1], REDRAW, 1001, square).pores
+        found = device.read(pores, (pores.nbytes // 4,), np.float32)
+        shown.append(bool(np.isfinite(found).all()))
+    assert shown == [False, False, True, True]
+    asset.release()
+
+
 @pytest.fixture
 def engines(tmp_path: Path) -> Iterator[tuple[Engine, Engine]]:
     with running(tmp_path / "one") as one, running(tmp_path / "other") as other:

@@ -314,20 +314,28 @@ def found(data: bytes) -> list[object]:
     return [mesh.positions.tolist(), mesh.faces.tolist(), mesh.uv.tolist(), mesh.face_uv.tolist()]
 
 
+def positions_found(data: bytes) -> list[object]:
+    """The vertices of a file that may have no faces, or what is said of it."""
+    try:
+        return read_obj_positions(data).tolist()
+    except (LimitError, MeshError) as error:
+        return [type(error), str(error)]
+
+
 LINES = st.sampled_from(
     [*PLAIN.splitlines(), *USUAL["normals"].splitlines(), "vn 0 0 1", "v 1 2", "v 1e39 0 0",
      "vt 1e39 0", "f 1/1 -1/2 3/3", "f 1/1 2/2 9/9", "f 1/1 2/2 0/1", "f 1//2 2/2 3/3", "", " ",
-     "g", "v", "vt", "f", "x 1", "v 1 0 0 1", "f 1/1 2/2 3/3/3", "v\x0b1 0 0", "vn\x0b1"]
+     "g", "v", "vt", "f", "x 1", "v 1 0 0 1", "f 1/1 2/2 3/3/3", "v\x0b1 0 0", "vn\x0b1", "vtl 1 2"]
 )  # fmt: skip
 
 
 @given(st.lists(LINES, max_size=4), st.lists(LINES, max_size=3))
 def test_together_and_one_by_one_are_the_same(before: list[str], after: list[str]) -> None:
     data = "\n".join([*before, *PLAIN.splitlines(), *after]).encode()
-    together = found(data)
+    together = found(data), positions_found(data)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "_usual_mesh", lambda data: None)
-        assert found(data) == together
+        patch.setattr(module, "_usual_texts", lambda data: None)
+        assert (found(data), positions_found(data)) == together
 
 
 def test_many_lines_are_matched_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:

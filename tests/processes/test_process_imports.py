@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from rhytid.processes import interpreter
-from rhytid.processes.interpreter import begun, possible, taken
+from rhytid.processes.interpreter import interpreter_ahead, next_interpreter, possible
 
 pytestmark = pytest.mark.skipif(not possible(), reason="a device has no process of its own here")
 
@@ -36,9 +36,9 @@ def test_what_is_imported_later(module: str) -> None:
 
 
 def test_the_process_that_was_begun_is_taken_once() -> None:
-    with begun():
-        first = taken()
-        second = taken()
+    with interpreter_ahead():
+        first = next_interpreter()
+        second = next_interpreter()
         assert first.process.pid != second.process.pid
         for one in (first, second):
             assert one.process.poll() is None
@@ -46,7 +46,7 @@ def test_the_process_that_was_begun_is_taken_once() -> None:
 
 
 def test_a_process_that_nobody_took_ends_with_the_block() -> None:
-    with begun():
+    with interpreter_ahead():
         (one,) = interpreter._begun
         assert one.process.poll() is None
     assert one.process.poll() is not None
@@ -60,5 +60,5 @@ def test_a_process_that_cannot_be_begun_is_missed_by_who_takes_it(
         raise BlockingIOError(11, "Resource temporarily unavailable")
 
     monkeypatch.setattr(interpreter, "_spawned", fail)
-    with begun(), pytest.raises(BlockingIOError):
-        taken()
+    with interpreter_ahead(), pytest.raises(BlockingIOError):
+        next_interpreter()

@@ -25,7 +25,7 @@ from rhytid.cli.summaries import SUMMARIES
 from rhytid.cli.termination import TERMINATED, Terminated, end_now
 from rhytid.domain.wording import install_hint
 from rhytid.errors import InputError
-from rhytid.processes.interpreter import begun, possible
+from rhytid.processes.interpreter import interpreter_ahead, possible
 from rhytid.support.console import verbosity
 from rhytid.support.logs import log_to_stderr
 from rhytid.support.settings import LOG_FORMATS, ServiceSettings, misspelt_variables
@@ -116,7 +116,7 @@ def run(arguments: argparse.Namespace) -> None:
     elif arguments.in_process or not possible():
         _listen(arguments, settings, _engine_here)
     else:
-        with begun():  # before anything that takes long is imported
+        with interpreter_ahead():  # before anything that takes long is imported
             _listen(arguments, settings, _remote_engine)
 
 

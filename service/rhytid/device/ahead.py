@@ -39,7 +39,7 @@ class ProgramsAhead:
         self._device, self._closed = device, threading.Event()
         self._file = None if folder is None else folder / _FILE
         self._known = self._recalled()
-        self._looked = 0
+        self._looked, self._lock = 0, threading.Lock()  # requests draw on several threads
         self._thread = threading.Thread(target=self._build, name="rhytid-programs", daemon=True)
 
     def begin(self) -> None:
@@ -59,14 +59,14 @@ class ProgramsAhead:
 
     def note_drawn(self) -> None:
         """Remember what drawing has needed beside that; to be called after anything was drawn."""
-        noted = len(self._device.programs.noted)
-        if noted == self._looked:
+        if len(self._device.programs.noted) == self._looked:
             return
-        self._looked = noted
-        known = [one[:2] for one in self._known]
-        new = [[*one, _DREW] for one in self._used() if one not in known]
-        if new and len(self._known) < _MOST:
-            self._note([*self._known, *new][:_MOST])
+        with self._lock:
+            self._looked = len(self._device.programs.noted)
+            known = [one[:2] for one in self._known]
+            new = [[*one, _DREW] for one in self._used() if one not in known]
+            if new and len(self._known) < _MOST:
+                self._note([*self._known, *new][:_MOST])
 
     def _used(self) -> list[Any]:
         return [
@@ -88,7 +88,7 @@ class ProgramsAhead:
     def _recalled(self) -> list[Any]:
         found = {} if self._file is None else recall(self._file)
         known = found.get(self._device.info.identity)
-        return known if isinstance(known, list) else []
+        return [one for one in known if _is_program(one)] if isinstance(known, list) else []
 
     def _remember(self, programs: list[Any]) -> None:
         if self._file is not None:
@@ -117,6 +117,16 @@ class ProgramsAhead:
         self._remember(self._known)
 
 
+def _is_program(given: Any) -> bool:
+    """Whether what a file has is a program as `_used` has it, and maybe a mark."""
+    return (
+        isinstance(given, list)
+        and len(given) > 1
+        and isinstance(given[0], str)
+        and isinstance(given[1], dict)
+    )
+
+
 def _drew(given: Any) -> bool:
     """Whether a program is remembered as one that drew after a load."""
-    return isinstance(given, list) and _DREW in given[2:]
+    return _DREW in given[2:]

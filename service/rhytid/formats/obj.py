@@ -57,7 +57,7 @@ _USUAL_FACES = {
     2: re.compile(rb"(?:f(?: +W/W/W){3,} *\n)*".replace(b"W", WHOLE)),
 }
 # Bytes that are matched together: each line that is matched takes memory.
-_BYTES_AT_ONCE = 1 << 20
+_BYTES_AT_ONCE = 1 << 16
 _ONLY_NUMBERS = bytes.maketrans(b"vtf/", b"    ")
 _WITHOUT_UV = re.compile(WHOLE + rb"(?://" + WHOLE + rb")?")
 _NORMAL = re.compile(rb"(/[+-]?[0-9]+)/[+-]?[0-9]+")
@@ -116,7 +116,7 @@ def _usual_texts(data: bytes) -> dict[bytes, bytes] | None:
     normal = vertex & (second == ord("n")) & (third == ord(" "))
     kinds = {
         b"v": vertex & (second == ord(" ")),
-        b"vt": vertex & (second == ord("t")),
+        b"vt": vertex & (second == ord("t")) & (third == ord(" ")),
         b"f": (first == ord("f")) & (second == ord(" ")),
     }
     others = np.flatnonzero(~np.logical_or.reduce([*kinds.values(), normal, length == 1]))

@@ -17,7 +17,7 @@ from typing import Any
 from rhytid.device.watch import SIZE, Purpose, Report
 from rhytid.engine import changes
 from rhytid.engine.changes import Changes
-from rhytid.processes.interpreter import taken
+from rhytid.processes.interpreter import next_interpreter
 from rhytid.processes.lines import Line, Lines
 from rhytid.processes.packing import mapped, shared_file
 from rhytid.processes.wire import Close, Control, OpenLine, Start, Started, close_all, readable
@@ -93,7 +93,7 @@ class DeviceProcess:
             shared = mapped(memory, SHARED).data
             self.report = Report(shared[:SIZE])
             self.changes = Changes(shared[mmap.PAGESIZE :])
-            interpreter = taken()
+            interpreter = next_interpreter()
             self._process = interpreter.process
             self._control = Control(interpreter.control)
             with suppress(OSError):  # it has ended already: `watch` reports it

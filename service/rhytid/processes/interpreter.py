@@ -1,7 +1,7 @@
 """The Python process of a device before it is told what it is for.
 
 It imports what it needs at once, and then waits for its first message. So a server starts it first
-of all, see `begun`, and imports its own parts meanwhile: this module imports little.
+of all, see `interpreter_ahead`, and imports its own parts meanwhile: this module imports little.
 """
 
 from __future__ import annotations
@@ -61,9 +61,10 @@ _begun: list[Interpreter] = []
 
 
 @contextmanager
-def begun() -> Iterator[None]:
-    """Start a process for the first call of `taken` within the block, on the main thread; it ends
-    with the block where nobody took it. Where the system starts none, that call finds it out."""
+def interpreter_ahead() -> Iterator[None]:
+    """Start a process for the first call of `next_interpreter` within the block, on the main
+    thread; it ends with the block where nobody took it. Where the system starts none, that call
+    finds it out."""
     with suppress(OSError):
         _begun.append(Interpreter.started())
     try:
@@ -73,7 +74,7 @@ def begun() -> Iterator[None]:
             _begun.pop().end()
 
 
-def taken() -> Interpreter:
+def next_interpreter() -> Interpreter:
     """The process that was begun, or a new one; raises as `Interpreter.started`."""
     try:
         return _begun.pop()

@@ -7,6 +7,7 @@ painted elsewhere is of no account.
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,7 @@ class Patches:
     def __init__(self, surface: Surface, seed: int, wave: float) -> None:
         self._seed, self.size = seed, wave * surface.scale
         self._planes = _planes(surface, wave / CELLS_OF_WAVE)
-        self._laid: dict[int, Factors] = {}
+        self._laid, self._lock = dict[int, Factors](), threading.Lock()
         length = float(np.sqrt(np.median(surface.density[surface.carries])))
         self.detail = wave / CELLS_OF_WAVE / length
 
@@ -119,21 +120,24 @@ class Patches:
 
     def _in_table(self, salt: int) -> Factors:
         """(F, 9) `_planes` as the field of a salt lies in the table, in single precision: 1e-4 of a
-        cell at most on a face. They are kept: places are asked for some thousands at a time, by
-        several threads."""
-        known = self._laid.get(salt)
-        if known is None:
-            rows = placement(self._seed, salt)
-            # One by one: a matrix product may round a row by where in the array it is.
-            laid = np.stack(
-                [
-                    [a * x + b * y + c * z for a, b, c, _ in rows]
-                    for x, y, z in self._planes.reshape(3, 3, -1)
-                ]
-            )
-            laid[2] += np.array(rows)[:, 3:]
-            known = self._laid[salt] = np.ascontiguousarray(laid.reshape(9, -1).T, np.float32)
-        return known
+        cell at most on a face. They are kept, 36 bytes a triangle for each of four salts: places
+        are asked for some thousands at a time, by several threads."""
+        with self._lock:
+            if salt not in self._laid:
+                self._laid[salt] = self._placed(salt)
+            return self._laid[salt]
+
+    def _placed(self, salt: int) -> Factors:
+        rows = placement(self._seed, salt)
+        # One by one: a matrix product may round a row by where in the array it is.
+        laid = np.stack(
+            [
+                [a * x + b * y + c * z for a, b, c, _ in rows]
+                for x, y, z in self._planes.reshape(3, 3, -1)
+            ]
+        )
+        laid[2] += np.array(rows)[:, 3:]
+        return np.ascontiguousarray(laid.reshape(9, -1).T, np.float32)
 
 
 def _deviations(name: str, amount: Factors) -> Factors:
