@@ -91,7 +91,7 @@ def test_the_process_of_the_device_is_begun_once_the_limit_of_files_is_raised(
         done.append("listen")
         raise AccessError("no port")
 
-    monkeypatch.setattr(serve, "begun", begun)
+    monkeypatch.setattr(serve, "interpreter_ahead", begun)
     monkeypatch.setattr(listening, "allow_files", lambda connections: done.append("files"))
     monkeypatch.setattr(listening, "listen", listen)
     assert main(["serve", "--port", "0", "--store", str(tmp_path / "store")]) == 1
