@@ -137,13 +137,12 @@ def test_progress_rises_to_one_and_can_cancel(device: Device) -> None:
         assert device.budget.used == used
 
 
-def test_progress_tells_of_seams(device: Device) -> None:
+def test_progress_goes_on_over_seams(device: Device) -> None:
     """Where there are many, copies over them take longest."""
     seen: list[tuple[float, str]] = []
     synthesize(sheets.tube(), wanted(500), device, lambda *report: seen.append(report))
-    fractions = [fraction for fraction, stage in seen if stage == "seams"]
-    assert min(fractions) < 0.95
-    assert seen[-1] == (1.0, "shapes")
+    late = {fraction for fraction, stage in seen if stage == "shapes" and fraction > 0.93}
+    assert len(late) > 2
 
 
 @pytest.mark.parametrize("make", [sheets.sheet, sheets.tube, sheets.with_hole])

@@ -74,7 +74,7 @@ class GraphParts:
         """The arrays of the graph: pores and lines with sizes and weights, and copies of those that
         reach over a seam. Nodes beyond a border are as large as their pore and are not drawn."""
         ground, pores, lines, fields = self.ground, self.pores, self.lines, self.ground.fields
-        of_lines, over_seams = part(progress, 0.0, 0.5), part(progress, 0.5, 1.0)
+        of_lines = part(progress, 0.0, 0.5)
         weight, factor, half_width, width = self._sizes_of_lines(of_lines)
         of_lines(0.4, "shapes")
         drawn_strength = weight[: lines.whole].copy()
@@ -109,6 +109,10 @@ class GraphParts:
         if self.events is not None:
             arrays = self.events.added_to(arrays)
         least = self.spacing * min(fields.least_spacing, _CLOSEST)
+
+        def over_seams(fraction: float, stage: str) -> None:
+            progress(0.5 + 0.5 * fraction, "shapes")
+
         arrays = with_copies(arrays, ground.surface, self.borders, least, over_seams)
         return arrays | _of_nodes(arrays, beside)
 
