@@ -24,6 +24,7 @@ from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.engine import Engine
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery, NewAsset
+from rhytid.errors import DeviceError
 
 LINES, COPIES, TILE = 600, 20, 64
 # More than have memory for r of lines at a time.
@@ -187,6 +188,25 @@ def test_a_client_on_another_frame_changes_nothing_of_that(device, monkeypatch):
         found = device.read(pores, (pores.nbytes // 4,), np.float32)
         shown.append(bool(np.isfinite(found).all()))
     assert shown == [False, False, True, True]
+    asset.release()
+
+
+def test_where_a_kernel_fails_nothing_counts_as_found(device, monkeypatch):
+    asset = asset_of(device, lines=orderly(), tile_size=TILE, **BEST)
+    squares = [asset.mesh.square(at) for at in ADDRESSES[:2]]
+    found = asset.frames.scales(FRAMES[0], REDRAW, 1001, squares[0])
+    assert found.filled == {squares[0]}
+
+    def fail(*given: Any) -> None:
+        raise DeviceError("no more")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(frames, "respond_nearby", fail)
+        with pytest.raises(DeviceError):
+            asset.frames.scales(FRAMES[0], REDRAW, 1001, squares[1])
+    assert found.filled == set()
+    asset.frames.scales(FRAMES[0], REDRAW, 1001, squares[1])
+    assert found.filled == {squares[1]}
     asset.release()
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.mesh import UV_LIMIT, Mesh, in_parts
+from rhytid.domain.mesh import UV_LIMIT, Mesh, boxes, in_parts
 from rhytid.errors import NotFoundError, QueryError
 
 # UV units that a triangle must reach into a UDIM, unless it is as small itself: coordinates that
@@ -121,9 +121,7 @@ def mesh_udims(mesh: Mesh) -> tuple[int, ...]:
     by no more than 1e-6, does not overlap what lies beyond.
     """
     corners = mesh.triangle_uv()[mesh.triangles_with_uv()]
-    # A fifth of the time of `min` and `max` along an axis of three.
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    low, high = boxes(corners)
     first = np.clip(np.floor(low.min(axis=0, initial=UV_LIMIT)), 0, None).astype(int)
     end = np.minimum(np.ceil(high.max(axis=0, initial=0.0)), (10, UV_LIMIT)).astype(int)
     squares = [(u, v) for v in range(first[1], end[1]) for u in range(first[0], end[0])]

@@ -73,9 +73,7 @@ def read_obj(data: bytes) -> Mesh:
     uv = _numbers(found[b"vt"], _UV, "vt", 2, "2 or 3")
     _require_finite(found[b"vt"], uv, "texture coordinate")
     counts, references = _references(found[b"f"])
-    corners = _resolve(found, counts, references)
-    triangles = corners[fan(counts)].astype(np.int32)
-    return Mesh.centred(positions, triangles[..., 0], uv, triangles[..., 1])
+    return _mesh(positions, uv, counts, _resolve(found, counts, references))
 
 
 def read_obj_positions(data: bytes) -> NDArray[np.float64]:
@@ -99,6 +97,16 @@ def _usual_mesh(data: bytes) -> Mesh | None:
     counts, corners = faces
     if (corners < 0).any() or (corners >= (len(positions), len(uv))).any():
         return None
+    return _mesh(positions, uv, counts, corners)
+
+
+def _mesh(
+    positions: NDArray[np.float64],
+    uv: NDArray[np.float64],
+    counts: NDArray[np.int64],
+    corners: NDArray[np.int64],
+) -> Mesh:
+    """The mesh of polygons with `counts` corners (C, 2) each: indices of positions and of uv."""
     triangles = corners[fan(counts)].astype(np.int32)
     return Mesh.centred(positions, triangles[..., 0], uv, triangles[..., 1])
 

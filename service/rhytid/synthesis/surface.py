@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.mesh import Mesh
+from rhytid.domain.mesh import Mesh, boxes
 from rhytid.errors import MeshError
 from rhytid.support import cancellation
 
@@ -243,7 +243,7 @@ def _may_cover(centres: FloatArray, corners: FloatArray) -> bool:
     for start in range(0, len(centres), _AT_ONCE):
         cancellation.check()
         own = np.arange(start, min(start + _AT_ONCE, len(centres)))
-        least, most = _box(corners[own])
+        least, most = boxes(corners[own])
         least, most = least - _EDGE, most + _EDGE
         first, last = cell(least), cell(most)
         rows = last[:, 1] - first[:, 1] + 1
@@ -264,13 +264,6 @@ def _may_cover(centres: FloatArray, corners: FloatArray) -> bool:
         if _inside(centres[point], corners[own[of]]).any():
             return True
     return False
-
-
-def _box(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(N, 2) the least and the most of corners (N, 3, 2): a fifth of the time of `min` and `max`
-    along an axis of three."""
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
 
 
 def _counted(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -304,6 +297,6 @@ def _corner_normals(corners: FloatArray, faces: NDArray[np.int32]) -> FloatArray
 
 
 def _overlaps_udims(uv: FloatArray) -> BoolArray:
-    low, high = _box(uv)
+    low, high = boxes(uv)
     overlaps: BoolArray = (high > 0).all(axis=-1) & (low[:, 0] < UDIM_COLUMNS)
     return overlaps

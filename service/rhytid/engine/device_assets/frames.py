@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,8 @@ from rhytid.pipeline.smooth import SmoothFields, respond_smooth, smooth_wrinkle_
 from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.work import Square
 
+P = TypeVar("P")
+G = TypeVar("G")
 # A square costs as much time, beside its own elements, as so many lines that answer to a frame:
 # measured with PoCL on two cores of an AMD EPYC. The bits do not depend on it.
 _SQUARE = 1 << 17
@@ -114,7 +116,7 @@ class DeviceFrames:
 
         if sampling != "smooth":
             square = self._alone(frame, ("scales", udim, model), udim, square)
-            self._fill(found.filled, udim, square, fill)
+            _fill(found.filled, square, partial(self._nearby, udim), fill)
         return found
 
     def line_stretches(
@@ -141,25 +143,14 @@ class DeviceFrames:
 
         square = None if query.sampling == "smooth" else square
         square = self._alone(frame, ("lines", *key), udim, square)
-        self._fill(found.filled, udim, square, fill)
+        _fill(found.filled, square, partial(self._nearby, udim), fill)
         return found.ends
 
-    def _fill(
-        self,
-        filled: set[Square | None],
-        udim: int,
-        square: Square | None,
-        fill: Callable[[NearbyGroups | None], None],
-    ) -> None:
-        """Fill what elements of a square answer to a frame, or all of them, unless it is there."""
-        base, near = self._base, None
-        if None in filled or square in filled:
-            return
-        if square is not None:
-            make = partial(base.elements[udim].nearby.of, base.device, square)
-            near = base.cache.keep("nearby", udim, *square, make=make)
-        fill(near)
-        filled.add(square)
+    def _nearby(self, udim: int, square: Square) -> NearbyGroups:
+        """The groups that a square needs."""
+        make = partial(self._base.elements[udim].nearby.of, self._base.device, square)
+        found: NearbyGroups = self._base.cache.keep("nearby", udim, *square, make=make)
+        return found
 
     def _alone(
         self, frame: Frame, what: tuple[Any, ...], udim: int, square: Square | None
@@ -213,18 +204,22 @@ class DeviceFrames:
             frame, "coefficients", model,
             make=lambda: blend.without_codes(self.stretch(frame, model)),
         )  # fmt: skip
-        if alone:
-            at, what = alone[0], ("coefficients", alone[0].udim, model)
-            alone = alone if self._alone(frame, what, at.udim, base.square(at)) else None
-        place, groups = alone[0] if alone else None, None
-        if found.filled.isdisjoint((None, place)):
-            if alone:
-                make = partial(Groups.of_triangles, base.device, alone[1].triangles)
-                groups = base.cache.keep("tile triangles", place, make=make)
-            filled = {*found.filled, place}
-            found.filled.clear()  # should only the first of the kernels run
-            blend.fill(found, self.stretch(frame, model), groups)
-            found.filled.update(filled)
+        place, tile = alone or (None, None)
+        if place is not None:
+            udim, square = place.udim, base.square(place)
+            if self._alone(frame, ("coefficients", udim, model), udim, square) is None:
+                place = None
+
+        def groups(at: TileAddress) -> Groups:
+            assert tile is not None
+            make = partial(Groups.of_triangles, base.device, tile.triangles)
+            found: Groups = base.cache.keep("tile triangles", at, make=make)
+            return found
+
+        def fill(wanted: Groups | None) -> None:
+            blend.fill(found, self.stretch(frame, model), wanted)
+
+        _fill(found.filled, place, groups, fill)
         return found
 
     def bin_stretches(self, frame: Frame, model: str) -> Buffer:
@@ -241,6 +236,25 @@ class DeviceFrames:
             frame, "kernels", model,
             make=lambda: base.convolve.kernels(self.stretch(frame, model), base.settings),
         )  # fmt: skip
+
+
+def _fill(
+    filled: set[P | None],
+    place: P | None,
+    groups_of: Callable[[P], G],
+    fill: Callable[[G | None], None],
+) -> None:
+    """Fill what a place needs of values of a frame, or all of them, unless it is there.
+
+    filled: the places that have it; None: all.  groups_of: what a place needs.  fill: launches the
+    kernels for that.
+    """
+    if not filled.isdisjoint((None, place)):
+        return
+    wanted, known = None if place is None else groups_of(place), {*filled, place}
+    filled.clear()  # should only some of the kernels run
+    fill(wanted)
+    filled.update(known)
 
 
 class DeviceEvents:
