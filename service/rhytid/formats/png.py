@@ -20,6 +20,7 @@ from isal import isal_zlib
 from numpy.typing import NDArray
 
 from rhytid.errors import InputError
+from rhytid.formats.deflate import deflated
 from rhytid.formats.limits import check_sides
 
 if TYPE_CHECKING:
@@ -29,9 +30,6 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # Colour types of the header by channels, and the filter that stores differences to the row above.
 _COLOURS, _UP = {1: 0, 3: 2}, 2
 _GAMMA_1 = 100_000
-# Of ISA-L, 0 to 3: level 0 is 40 % larger, 3 takes a tenth longer for nothing. Level 1 of zlib, and
-# Pillow, take four and seven times as long for files of the same size.
-_LEVEL = 1
 # The length and the name of the first chunk follow the signature.
 _HEADER = SIGNATURE + b"\x00\x00\x00\x0dIHDR"
 _HEADER_BYTES = 29
@@ -61,7 +59,7 @@ def encode_png(
     bits = 8 * rows.dtype.itemsize
     head = struct.pack(">IIBBBBB", width, height, bits, _COLOURS[channels], 0, 0, 0)
     notes = (_chunk(b"iTXt", _text(name, text)) for name, text in texts.items())
-    data = isal_zlib.compress(_filtered(rows), _LEVEL)
+    data = deflated(_filtered(rows))
     gamma = [_chunk(b"gAMA", struct.pack(">I", _GAMMA_1))] if linear else []
     parts = [_chunk(b"IHDR", head), *gamma, *notes, _chunk(b"IDAT", data), _chunk(b"IEND", b"")]
     return b"".join([SIGNATURE, *parts])
