@@ -34,6 +34,11 @@ def source(name: str) -> str:
     return expand(_read(f"{name}.cl"))
 
 
+def builtins() -> str:
+    """Declarations of what the programs use of OpenCL C itself, for compilers without any."""
+    return _read("builtins.clh")
+
+
 def digest(name: str) -> str:
     """Twelve hexadecimal digits that change with the source of a program."""
     return hashlib.sha256(source(name).encode()).hexdigest()[:12]

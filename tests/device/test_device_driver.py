@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
 import threading
@@ -13,7 +14,9 @@ from pyopencl import cache
 
 from rhytid.device import caches, driver, loader
 from rhytid.device.caches import provide_cache_folder
+from rhytid.device.driver import cl
 from rhytid.device.runtime import Device
+from rhytid.errors import KernelBuildError
 
 
 def test_a_program_is_compiled_once_for_its_kernels_and_anew_for_other_defines(device, monkeypatch):
@@ -30,6 +33,43 @@ def test_a_program_is_compiled_once_for_its_kernels_and_anew_for_other_defines(d
             assert kernel.function_name == name
             assert own.programs.kernel("vectors", name, defines) is kernel
     assert options == [[], ["-DOTHER=1"]]
+
+
+@pytest.fixture
+def built(monkeypatch):
+    """The options of every build of the driver."""
+    options, build = [], driver._built
+
+    def noted(context, text, given):
+        options.append(given)
+        return build(context, text, given)
+
+    monkeypatch.setattr(driver, "_built", noted)
+    return options
+
+
+def test_pocl_reads_no_header_of_opencl(device, built):
+    text = "kernel void root(global float *out) { out[0] = sqrt(out[0]); }"
+    driver.compile_program(device.context, text, ["-DROOT"])
+    own = [driver.HEADER_READ] if device.info.platform == driver.POCL else []
+    assert built == [["-DROOT", *own]]
+
+
+def test_what_kernels_do_not_use_of_opencl_builds_as_well(device, built):
+    text = "kernel void far(global float *out) { out[0] = hypot(out[0], 1.0f); }"
+    assert (
+        driver.compile_program(device.context, text, ["-DFAR"]).get_info(
+            cl.program_info.KERNEL_NAMES
+        )
+        == "far"
+    )
+    assert built[-1] == ["-DFAR"]
+
+
+def test_an_error_is_told_by_the_line_of_its_own_text(device):
+    with pytest.raises(KernelBuildError) as raised:
+        device.programs.build("kernel void wrong(void) {\n    unknown = 1;\n}", [])
+    assert re.search(r":2:\d+:? .*unknown", str(raised.value))
 
 
 def test_a_cache_that_fails_costs_a_compilation_alone(device, monkeypatch):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 import rhytid_kernels
+from rhytid.device import driver
 from rhytid.device.programs import BUILD_OPTIONS
 from rhytid.errors import KernelBuildError
 
@@ -86,11 +87,26 @@ RANGES = {
 @pytest.mark.release
 @pytest.mark.parametrize("defines", RANGES.values(), ids=RANGES)
 @pytest.mark.parametrize("name", rhytid_kernels.names())
-def test_a_program_compiles_alone(device: Device, name: str, defines: tuple[str, ...]) -> None:
+def test_a_program_compiles_alone(
+    device: Device, name: str, defines: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[list[str]] = []
+    built = driver._built
+
+    def noted(context: Any, text: str, options: list[str]) -> Any:
+        given.append(options)
+        return built(context, text, options)
+
+    monkeypatch.setattr(driver, "_built", noted)
     fitting = (d.replace("ROWS=MOST", f"ROWS={device.shape.rows}") for d in defines)
     options = [*BUILD_OPTIONS, STRICT, *(f"-D{define}" for define in fitting)]
 
     device.programs.build(rhytid_kernels.source(name), options)
+
+    # At once, on PoCL too: builtins.clh has all that it uses.
+    assert [driver.HEADER_READ in options for options in given] == [
+        device.info.platform == driver.POCL
+    ]
 
 
 def test_a_warning_stops_the_build(device: Device) -> None:

@@ -121,7 +121,7 @@ def choose(wanted: str | None = None, cache: Path | None = None) -> Candidate:
 def _in_order(alike: Sequence[Candidate], cache: Path | None) -> list[Candidate]:
     """Devices of one kind, the best first."""
     # Of two drivers for the same CPU, PoCL has been the slower one on every kernel.
-    usual = sorted(alike, key=lambda c: (c.platform == "Portable Computing Language", c.index))
+    usual = sorted(alike, key=lambda c: (c.platform == driver.POCL, c.index))
     if len(usual) < 2 or usual[0].kind != "cpu":
         return usual
     best = _quick(usual, cache)
