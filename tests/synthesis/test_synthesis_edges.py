@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from reference.synthesis import pairs_in_sight
@@ -157,6 +156,21 @@ def test_lines_as_long_as_the_whole_cross_too(device: Device, size: float) -> No
     assert np.sort(found, axis=1).tolist() == [[0, 1]]
 
 
+@pytest.mark.parametrize("turned", [False, True], ids=["near first", "far first"])
+def test_a_line_with_one_end_beyond_what_is_near_crosses_too(device: Device, turned: bool) -> None:
+    """On a surface whose curve takes the two apart: it is found from the end that is near, whether
+    that has the lower number or the higher."""
+    other = np.array([[0.5, -0.4, 0.7], [0.5, 0.4, 1.1]])
+    place = np.append([[0, 0, 0], [1, 0, 0]], other[::-1] if turned else other, axis=0)
+    points = Points(np.zeros(4, int), place[:, :2], place, np.tile([0.0, 0.0, 1.0], (4, 1)))
+    nodes = np.array([[0, 1], [2, 3]], np.int32)
+    length = np.linalg.norm(place[nodes[:, 0]] - place[nodes[:, 1]], axis=-1).astype(np.float32)
+    assert length[1] < length[0] < place[:, 2].max()
+    with Workspace(device) as work:
+        found = crossings(work, points, nodes, length)
+    assert np.sort(found, axis=1).tolist() == [[0, 1]]
+
+
 @pytest.mark.parametrize("lines", [60, 900])
 def test_crossings_are_those_of_every_pair(device: Device, lines: int) -> None:
     """Few lines between many pores, and so many between few that each has hundreds near it."""
@@ -168,20 +182,22 @@ def test_crossings_are_those_of_every_pair(device: Device, lines: int) -> None:
     length = np.linalg.norm(place[nodes[:, 0]] - place[nodes[:, 1]], axis=-1)
     with Workspace(device) as work:
         found = crossings(work, points, nodes, length.astype(np.float32))
-    wanted = [
-        [one, two]
-        for one, two in combinations(range(lines), 2)
-        if not set(nodes[one]) & set(nodes[two]) and _cross(place[nodes[one]], place[nodes[two]])
-    ]
+    pairs = np.stack(np.triu_indices(lines, 1), axis=1)
+    one, two = nodes[pairs[:, 0]], nodes[pairs[:, 1]]
+    share_an_end = (one[:, :, None] == two[:, None, :]).any(axis=(1, 2))
+    wanted = pairs[~share_an_end & _cross(place[one, :2], place[two, :2])].tolist()
     assert len(wanted) > lines
     assert sorted(np.sort(found, axis=1).tolist()) == wanted
 
 
-def _cross(one: FloatArray, two: FloatArray) -> bool:
-    def sides(line: FloatArray, ends: FloatArray) -> FloatArray:
-        return np.asarray(np.cross(line[1] - line[0], ends - line[0])[:, 2])
+def _cross(one: FloatArray, two: FloatArray) -> NDArray[np.bool_]:
+    """(N) whether lines of (N, 2, 2) ends cross: each has its ends on both sides of the other."""
 
-    return bool(sides(one, two).prod() < 0 and sides(two, one).prod() < 0)
+    def sides(line: FloatArray, ends: FloatArray) -> FloatArray:
+        along, to = line[:, 1:] - line[:, :1], ends - line[:, :1]
+        return np.asarray(along[..., 0] * to[..., 1] - along[..., 1] * to[..., 0])
+
+    return (sides(one, two).prod(axis=1) < 0) & (sides(two, one).prod(axis=1) < 0)
 
 
 # The rounds of the greedy independent set give what the loop gives.

@@ -142,14 +142,19 @@ def test_what_lies_beyond_the_chart_is_no_line(device):
 def position_map(mesh: Mesh, side: int):
     """(side, side, 3) the place on the surface of each texel; NaN outside of charts."""
     found = np.full((side, side, 3), np.nan)
-    y, x = np.mgrid[:side, :side]
-    uv = np.stack([(x + 0.5) / side, 1 - (y + 0.5) / side], axis=-1)
+    x, y = (np.arange(side) + 0.5) / side, 1 - (np.arange(side) + 0.5) / side
     for corners, at in zip(mesh.triangle_uv(), mesh.positions[mesh.faces], strict=True):
+        low, high = corners.min(axis=0) - 1 / side, corners.max(axis=0) + 1 / side
+        columns, rows = (
+            np.flatnonzero((low[i] < axis) & (axis < high[i])) for i, axis in enumerate((x, y))
+        )
+        around = np.ix_(rows, columns)
+        uv = np.stack(np.meshgrid(x[columns], y[rows]), axis=-1)
         edges = np.linalg.inv((corners[1:] - corners[0]).T)
         share = (uv - corners[0]) @ edges.T
         inside = (share > -1e-9).all(axis=-1) & (share.sum(axis=-1) < 1 + 1e-9)
         place = at[0] + share @ (at[1:] - at[0])
-        found[inside] = place[inside]
+        found[around] = np.where(inside[..., None], place, found[around])
     return found
 
 
