@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from reference.arcs import between
-from reference.drawing import Wrinkles, meet, nearest
+from reference.boxes import PointsByU
+from reference.drawing import Wrinkles, around, meet, nearest
 from reference.inputs import Array, Graph, Indices, Shape
 
 THRESHOLD = 0.08
@@ -133,16 +134,19 @@ def owners(centres: Array, lines: Wrinkles, cushion: Cushion) -> Owners:
     broad, unit = broadened(lines, cushion), cushion.sharpness / np.log(2.0)
     best = np.full(len(centres), LEAST_SCORE / unit)
     found = Owners(np.full(len(centres), -1), np.zeros(len(centres)), np.full(len(centres), np.inf))
+    near, (low, high) = PointsByU(centres), around(broad)
     for i in np.flatnonzero(broad.strength.reshape(len(broad.segments), -1).any(axis=1)):
-        share, distance = nearest(centres, broad, i)
+        rows = near.within(low[i], high[i])  # beyond these the score is 0
+        share, distance = nearest(centres[rows], broad, i)
         half_width = between(broad.half_width[i], share)
         drawn = np.maximum(half_width, broad.least)
         t2 = np.minimum((distance / drawn) ** 2, 1.0)
         score = between(broad.strength[i], share) * half_width / drawn * (1 - t2) ** 4
-        gap, better = np.where(score > 0, np.abs(score - best), np.inf), score > best
-        found.margin[:] = np.where(better, gap, np.minimum(found.margin, gap))
-        found.line[better], found.place[better] = i, share[better]
-        best = np.maximum(best, score)
+        gap = np.where(score > 0, np.abs(score - best[rows]), np.inf)
+        better = score > best[rows]
+        found.margin[rows] = np.where(better, gap, np.minimum(found.margin[rows], gap))
+        found.line[rows[better]], found.place[rows[better]] = i, share[better]
+        best[rows] = np.maximum(best[rows], score)
     return found
 
 

@@ -130,7 +130,7 @@ def draw(
 def _add_wrinkles(
     sums: Array, points: Array, strips: PointsByU, wrinkles: Wrinkles, shape: Shape
 ) -> None:
-    low, high = _around(wrinkles)
+    low, high = around(wrinkles)
     for i in strips.touched_by(low, high):
         if not np.any(wrinkles.strength[i]):
             continue
@@ -143,7 +143,7 @@ def _add_wrinkles(
         _add(sums, rows, height, shape.sharpness)
 
 
-def _around(wrinkles: Wrinkles) -> tuple[Array, Array]:
+def around(wrinkles: Wrinkles) -> tuple[Array, Array]:
     """Corners (M, 2) and (M, 2) of boxes around the wrinkles."""
     widest = np.asarray(wrinkles.half_width)
     if widest.ndim == 2:
