@@ -87,6 +87,13 @@ def test_lines_vary_as_far_as_the_patchiest_region_says() -> None:
     assert 0.32 * most > MOST_DEVIATION
 
 
+def test_the_liveliest_patch_of_a_forehead_has_no_pits() -> None:
+    """Pores are at most twice as deep as elsewhere; at three times they look punched."""
+    forehead = REGIONS["forehead"].patchiness
+    most = [patches().bounds(name, forehead)[1] for name in ("beside_lines", "pores")]
+    assert 1.5 < most[0] * most[1] < 2.0
+
+
 @pytest.mark.parametrize(("unit", "side"), [("mm", SIDE), ("cm", SIDE / 10), (None, SIDE)])
 def test_patches_are_millimetres_wide(unit: str | None, side: float) -> None:
     """Half way down the correlation, and where there is none left; without a unit the spacing says

@@ -32,8 +32,8 @@ Factors = NDArray[np.float32]
 # the fields. Pores are livelier where lines are (`beside_lines`), and vary among themselves.
 _FIELDS = {
     "strength": (0.32, 1.35, STRENGTH_SALT),
-    "beside_lines": (0.12, 0.25, STRENGTH_SALT),
-    "pores": (0.16, 0.3, 13),
+    "beside_lines": (0.07, 0.3, STRENGTH_SALT),
+    "pores": (0.08, 0.16, 13),
     "pore_radius": (0.10, 0.2, 13),
     "density": (0.18, 0.3, 12),
     "turn": (0.22, 0.33, 15),
