@@ -55,6 +55,14 @@ def test_a_faster_shape_is_taken_and_remembered(gpu, tmp_path):
     assert clock.asked == 1
 
 
+@pytest.mark.parametrize(("cores", "asked"), [(2, 0), (4, 0), (5, 1)])
+def test_a_processor_of_few_cores_is_not_measured(device, tmp_path, cores, asked):
+    own = Device(replace(device.info, kind="cpu", compute_units=cores), 1 << 28)
+    clock = Clock(1.0, 2.0)
+    remembered_shape(own, tmp_path, clock)
+    assert clock.asked == asked
+
+
 def test_what_saves_little_is_not_taken(gpu, tmp_path):
     assert remembered_shape(gpu, tmp_path, Clock(1.0, 0.96)) == USUAL
 
@@ -122,7 +130,7 @@ def test_a_device_that_cannot_be_measured_keeps_its_shape(gpu, tmp_path):
 
 
 def test_a_shape_that_fails_does_not_stay(device, tmp_path, monkeypatch):
-    own = Device(device.info, 1 << 28)
+    own = Device(replace(device.info, compute_units=16), 1 << 28)
     usual, timed = own.shape, measured_shape._seconds
 
     def fail_at_others(device, shape, draw):

@@ -38,6 +38,9 @@ _ROUNDS = 5
 # Turns of the shapes, and what another must save in each to be taken in place of the usual one. The
 # usual one is remembered where no other saves that in more than so many.
 _TURNS, _WORTH, _CHANCE = 8, 0.05, 2
+# A processor of so few cores is not measured. Fewer rows a work-group are more work, which pays
+# where cores wait for the last group of a tile; of 64 groups these have 16 each, or more.
+_FEW_CORES = 4
 
 
 def remembered_shape(
@@ -48,9 +51,11 @@ def remembered_shape(
     """The fastest shape of this device, driver and version of the kernels, from `folder` or
     measured now and, where it is clear, written there. A folder that cannot be written and a
     machine that is busy cost a measurement at every start; a device that cannot be measured keeps
-    its usual shape.
+    its usual shape, as does a processor of few cores.
 
     measure: in place of `shape_seconds`."""
+    if device.info.kind == "cpu" and device.info.compute_units <= _FEW_CORES:
+        return device.shape
     file, key = folder / _FILE, _key(device)
     known = recall(file)
     with suppress(KeyError, TypeError):
