@@ -81,6 +81,15 @@ def slow() -> Iterator[Slow]:
         yield found
 
 
+def test_a_second_interrupt_is_no_error(slow: Slow, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("ERROR", "uvicorn.error")
+    for _ in range(2):
+        slow.server.handle_exit(signal.SIGINT, None)
+    assert slow.ended.wait(10)
+    assert slow.server.force_exit
+    assert caplog.text == ""
+
+
 def test_a_drain_lets_finish_what_runs_and_refuses_what_comes(slow: Slow) -> None:
     with ThreadPoolExecutor(1) as pool:
         answer: Future[httpx.Response] = pool.submit(httpx.get, slow.url + slow.tile, timeout=20)

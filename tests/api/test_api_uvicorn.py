@@ -37,7 +37,11 @@ OVERRIDDEN = {
         "keepalive_timeout": [],
         "run_asgi": [],
     },
-    DrainingServer: {"handle_exit": ["sig", "frame"], "on_tick": ["counter"]},
+    DrainingServer: {
+        "handle_exit": ["sig", "frame"],
+        "on_tick": ["counter"],
+        "shutdown": ["sockets"],
+    },
 }
 # Attributes that our classes read or set; the classes of uvicorn make them.
 READ = {
@@ -51,7 +55,7 @@ READ = {
         "conn", "logger", "client", "transport", "loop", "handshake_initiated",
         "handshake_complete", "initial_response", "close_sent", "writable",
     ],
-    uvicorn.Server: ["config", "should_exit"],
+    uvicorn.Server: ["config", "force_exit", "lifespan", "should_exit"],
 }  # fmt: skip
 
 

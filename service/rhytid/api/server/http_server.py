@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -55,6 +56,13 @@ class DrainingServer(uvicorn.Server):
         if self._signal is not None and self._drain.over and not self.should_exit:
             self._end(self._signal)
         return await super().on_tick(counter)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End the lifespan of the application even after a second SIGINT, at which uvicorn leaves
+        it to be cancelled, and logs that as an error."""
+        await super().shutdown(sockets)
+        if self.force_exit:
+            await self.lifespan.shutdown()
 
     def _end(self, sig: int) -> None:
         """End the server; requests get LAST_GRACE seconds."""
