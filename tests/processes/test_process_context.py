@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import threading
 from contextvars import Context
 from multiprocessing import Pipe
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
 from rhytid.device.figures import Figures, spans_of_request
+from rhytid.domain.tiles import TileAddress
 from rhytid.engine.call_context import drawn_live, is_live
+from rhytid.engine.frames import Frame
+from rhytid.engine.messages import MapQuery
 from rhytid.engine.operations import OPERATIONS
 from rhytid.errors import NotFoundError
+from rhytid.processes import lines
 from rhytid.processes.child import _Process
 from rhytid.processes.envelope import Answer, Envelope, Request, answered
-from rhytid.processes.packing import unpack
+from rhytid.processes.lines import Line
+from rhytid.processes.packing import shared_file, unpack
 from rhytid.processes.wire import Message
 from rhytid.support.logs import request_id
 
@@ -101,3 +108,31 @@ def test_an_answer_that_cannot_be_sent_is_an_error() -> None:
     answer: Answer = unpack(found.body, found.places, None)
     assert not answer.good
     assert isinstance(answer.value, RuntimeError)
+
+
+def test_arrays_of_a_call_lie_in_the_memory_of_its_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once there is any; and stay as they were sent where the engine keeps them."""
+    kept: list[Any] = []
+
+    def draw(asset: str, frame: Frame, *others: Any) -> Any:
+        kept.append(frame.positions)
+        return frame.positions + 1.0
+
+    process, made = _Process(cast(Any, None)), []
+    process._engine = cast(Any, SimpleNamespace(tiles=SimpleNamespace(draw=draw)))
+    monkeypatch.setattr(lines, "shared_file", lambda size: made.append(size) or shared_file(size))
+    near, far = Pipe()
+    line, thread = Line(near), threading.Thread(target=process._answer, args=(far,))
+    thread.start()
+    frames = [np.full((vertices, 3), n, np.float32) for n, vertices in enumerate((1024, 960, 3008))]
+    for positions in frames:
+        place = (MapQuery(), TileAddress(1001, 0, 0, 0))
+        request = Request(OPERATIONS["tiles.draw"], ("a", Frame.of(positions), *place))
+        answer, holds = line.ask(request.packed, None)
+        assert answer.value.tobytes() == (positions + 1.0).tobytes()
+        del answer, holds
+    line.close()
+    thread.join()
+    sizes = [positions.nbytes for positions in frames]
+    assert made == [sizes[i] for i in (0, 0, 2, 2)]
+    assert [array.tobytes() for array in kept] == [array.tobytes() for array in frames]

@@ -119,7 +119,7 @@ class _Process:
         room: Bytes | None = None
         with line, suppress(ConnectionError):
             while (message := receive(line)) is not None:
-                answer = self._answered(message, line)
+                answer = self._answered(message, line, room)
                 if answer.nbytes > (0 if room is None else len(room)):
                     send(line, Message(room=answer.nbytes))
                     if (offer := receive(line)) is None:
@@ -130,10 +130,13 @@ class _Process:
                 send(line, Message(answer.body, answer.places))
                 del answer, message
 
-    def _answered(self, message: Message, line: Connection) -> Packed:
+    def _answered(self, message: Message, line: Connection, room: Bytes | None = None) -> Packed:
         files = message.descriptors
         try:
             memory = private(files[0], message.shared) if message.shared else None
+            if memory is None and message.places:  # the answer is written over them
+                assert room is not None
+                memory = room[: sum(message.places[-1])].copy()
             own = files[1:] if message.shared else files
             envelope: Envelope = unpack(message.body, message.places, memory, own)
             answer = answered(envelope, self._perform, partial(_hung_up, line))

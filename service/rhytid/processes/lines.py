@@ -16,6 +16,9 @@ from rhytid.processes.wire import Message, close_all, readable, receive, send
 
 # Bytes of room for answers that idle lines keep in all.
 MOST_IDLE = 64 << 20
+# Bytes of a call's arrays, at most, that are sent in the memory of its line: the other side copies
+# them.
+_IN_ROOM = 1 << 20
 # Seconds between two looks whether somebody still waits for an answer.
 _LOOK = 0.2
 
@@ -25,7 +28,8 @@ class LineBroken(Exception):
 
 
 class Line:
-    """A connection, and the shared memory that its answers are written to."""
+    """A connection, and the shared memory that its answers are written to, and small arrays of
+    calls before them: fresh memory takes longer than what is written to it."""
 
     def __init__(self, near: Connection) -> None:
         self._line = near
@@ -79,6 +83,9 @@ class Line:
         elif (kept := request.kept_file()) is not None:
             memory, nbytes, places = kept
             send(self._line, Message(request.body, places, nbytes, 0, (memory, *files)))
+        elif self._room is not None and nbytes <= min(self.room, _IN_ROOM):
+            request.write(self._room)
+            send(self._line, Message(request.body, places, descriptors=files))
         else:
             memory = shared_file(nbytes)
             try:

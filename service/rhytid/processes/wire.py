@@ -34,8 +34,8 @@ class Message:
     """One message as it is on the wire.
 
     places: of the arrays.  shared: bytes of the memory with the arrays, whose descriptor is the
-    first.  room: bytes that an answer needs in memory of the line and does not have; of the message
-    after it, bytes of that memory.
+    first; 0 where they lie in memory of the line.  room: bytes that an answer needs in memory of
+    the line and does not have; of the message after it, bytes of that memory.
     """
 
     body: bytes = b""
