@@ -169,6 +169,21 @@ def small_mesh() -> SmallMesh:
     return bumpy_grid(10, seed=1)
 
 
+@pytest.fixture
+def unknown(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No float of fresh memory of the device is a number."""
+    import numpy as np
+
+    kind, empty = type(device), type(device).empty
+
+    def poisoned(self: Device, count: int, dtype: Any) -> Any:
+        if dtype is np.float32:
+            return self.full(count, np.float32(np.nan))
+        return empty(self, count, dtype)
+
+    monkeypatch.setattr(kind, "empty", poisoned)
+
+
 @pytest.fixture(scope="session")
 def device() -> Device:
     """The OpenCL device that RHYTID_DEVICE names, else the best; where none computes, tests fail.

@@ -16,7 +16,9 @@ from engine.engines import BINNED, REDRAW, built, running
 from engine.test_engine_grain import asset_of
 from meshes import deform
 from pipeline.scenes import random_graph, settings_of, sheet
+from pipeline.test_stage_folding import pressed
 from rhytid.device.runtime import Device
+from rhytid.domain.events import MOST_KIND
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.domain.tiles import MapAddress, TileAddress
 from rhytid.engine.device_assets import frames
@@ -27,16 +29,17 @@ from rhytid.engine.messages import MapQuery, NewAsset
 from rhytid.errors import DeviceError
 
 LINES, COPIES, TILE = 600, 20, 64
-# More than have memory for r of lines at a time.
-FRAMES = [Frame.of(deform(sheet().positions, seed, 0.15)) for seed in range(3, 9)]
+# More than have memory for r of lines at a time; the last has folds.
+FRAMES = [Frame.of(deform(sheet().positions, seed, 0.15)) for seed in range(3, 8)]
+FRAMES.append(Frame.of(pressed(sheet())))
 ADDRESSES = [TileAddress(1001, 0, row, column) for row in range(4) for column in range(4)]
-BEST = {"preset": "best", "bins": {"r_max": 0.15}}
+BEST = {"preset": "best", "unit": "1.5cm", "bins": {"r_max": 0.15}}
 CHOICES = {"best": BEST, "paper": {"shape": {"cushion": 0.7}, "bins": {"r_max": 0.15}}}
 
 
 def orderly(span: float = 1.0) -> WrinkleGraph:
     """Short lines, those that follow one another side by side, which continue others at random that
-    are not far in that order; some of the last are copies of the first."""
+    are not far in that order; some of the last are copies of the first. Some nodes are events."""
     graph = random_graph(5, LINES, (0.003, 0.008), (0.01, 0.05), span)
     across, up = (4 * graph.node_uv[:LINES] / span).T
     order = np.lexsort((across % 1, up.astype(int), across.astype(int)))
@@ -44,6 +47,8 @@ def orderly(span: float = 1.0) -> WrinkleGraph:
     near = np.arange(LINES)[:, None] + random.integers(-40, 40, (LINES, 2))
     copy_of = np.full(LINES, ORIGINAL, np.int32)
     copy_of[-COPIES:] = np.arange(COPIES)
+    kind = np.zeros(len(pores), np.int32)
+    kind[::20] = random.integers(1, MOST_KIND + 1, len(kind[::20]))
     return replace(
         graph,
         node_uv=graph.node_uv[pores],
@@ -54,6 +59,7 @@ def orderly(span: float = 1.0) -> WrinkleGraph:
         edge_partners=np.where((near >= 0) & (near < LINES), near, -1).astype(np.int32),
         edge_share=random.uniform(0.5, 2.0, LINES).astype(np.float32),
         edge_copy_of=copy_of,
+        node_kind=kind,
     )
 
 
@@ -65,19 +71,6 @@ def tile_of(asset: DeviceAsset, frame: Frame, query: MapQuery, at: TileAddress) 
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Any number of squares is few."""
     monkeypatch.setattr(frames, "_SQUARE", 1)
-
-
-@pytest.fixture
-def unknown(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No float of fresh memory is a number."""
-    empty = Device.empty
-
-    def poisoned(self: Device, count: int, dtype: Any) -> Any:
-        if dtype is np.float32:
-            return self.full(count, np.float32(np.nan))
-        return empty(self, count, dtype)
-
-    monkeypatch.setattr(Device, "empty", poisoned)
 
 
 @pytest.fixture(scope="module", params=list(CHOICES))
@@ -147,6 +140,47 @@ def test_elements_that_are_far_from_a_tile_have_not_answered(device):
     for buffer, count in zip((ends, scales.wrinkles, scales.pores), counts, strict=True):
         assert np.isfinite(device.read(buffer, (count,), np.float32)).all()
     asset.release()
+
+
+@pytest.mark.usefixtures("unknown")
+def test_of_triangles_that_no_element_of_a_tile_answers_to_nothing_is_found(device):
+    asset = asset_of(device, lines=orderly(), tile_size=TILE, **BEST)
+    frame, squares = FRAMES[-1], [asset.mesh.square(at) for at in ADDRESSES[4:6]]
+    shares = []
+    for square in (*squares, None):
+        alone = None if square is None else (1001, square)
+        stretch = asset.frames.stretch(frame, "tensor", alone)
+        buffers = (stretch.logs, stretch.taken, stretch.axes)
+        found = [device.read(b, (b.nbytes // 4,), np.float32) for b in buffers]
+        shares.append([np.isfinite(values).mean() for values in found])
+    assert all(0.1 < share < 0.9 for share in shares[0])
+    assert all(one < other < 1.0 for one, other in zip(*shares[:2], strict=True))
+    assert shares[2] == [1.0] * 3
+    assert asset.frames.measured(frame).folds.max() > 0.1
+    asset.release()
+
+
+@pytest.mark.usefixtures("unknown")
+def test_elements_may_sample_any_triangle(device):
+    mesh, random = sheet(40), np.random.default_rng(9)
+    lines, faces = orderly(), len(mesh.faces)
+    lines = replace(
+        lines,
+        node_triangle=random.integers(0, faces, len(lines.node_uv), np.int32),
+        edge_triangle=random.integers(0, faces, LINES, np.int32),
+    )
+    frame = Frame.of(deform(mesh.positions, 3, 0.15))
+    whole, tiled = (
+        asset_of(device, mesh, lines, tile_size=side, **CHOICES["best"]) for side in (256, TILE)
+    )
+    for query in (REDRAW, BINNED):
+        (wanted,) = whole.finest.tiles(frame, query, [TileAddress(1001, 0, 0, 0)])
+        for at in ADDRESSES[3:15:4]:
+            rows, columns = (slice(TILE * i, TILE * i + TILE) for i in (at.row, at.column))
+            assert tile_of(tiled, frame, query, at) == wanted[rows, columns].tobytes()
+            tiled.mesh.cache.clear()  # no tile has the stretch of another
+    for asset in (whole, tiled):
+        asset.release()
 
 
 @pytest.mark.usefixtures("unknown")

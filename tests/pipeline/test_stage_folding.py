@@ -231,6 +231,34 @@ def test_a_finer_mesh_has_the_same_folds(device):
     assert abs(share[1] / share[0] - 1) < 0.1
 
 
+@pytest.mark.usefixtures("unknown")
+@pytest.mark.parametrize("unit", ["1.5cm", "mm", "1.4mm"])
+def test_parts_have_the_bits_of_the_whole(device, unit):
+    """One after the other, of which each has triangles of the one before; and all after that."""
+    mesh = sheet(seed=3)
+    positions, stage = pressed(mesh, 3), StretchStage(device, mesh, unit)
+
+    def read(found):
+        counts = {"ratios": 2, "axes": 4, "logs": 2, "taken": 1}
+        read = {name: (getattr(found, name), (found.count, n)) for name, n in counts.items()}
+        values = [device.read(*one, np.float32) for one in read.values()]
+        return np.concatenate(values, axis=1)
+
+    whole = read(stage.run(positions, LIMIT, folds=1.0))
+    assert whole[:, -1].max() > 0.1
+    part, known = stage.unfilled(positions, "tensor", "uv", 1.0), np.zeros(len(whole), bool)
+    for first, last in ((30, 80), (60, 120), (5, 6)):
+        triangles = np.arange(first, last, dtype=np.int32)
+        known[[*triangles, -1]] = True
+        stage.fill(part, positions, LIMIT, folds=1.0, near=stage.nearby(triangles, 1.0))
+        found = read(part)
+        np.testing.assert_array_equal(found[known], whole[known])
+        assert np.isnan(found[~known]).all()
+    stage.fill(part, positions, LIMIT, folds=1.0)
+    np.testing.assert_array_equal(read(part), whole)
+    stage.release()
+
+
 def test_folds_are_prepared_where_they_are_asked_for_alone(device, monkeypatch):
     made = []
     monkeypatch.setattr(stretch, "Folding", lambda *a: made.append(a) or Folding(*a))

@@ -3,17 +3,26 @@
 // texel `out_first` on.
 #include "ahead.clh"
 #include "grain.clh"
+#include "groups.clh"
 #include "vectors.clh"
 
 #define ROWS_AHEAD 2 // 1 and 4 took as long
 
 POWER_OF_TWO(power16, float16, int16)
 
-// Of each triangle; the last is none, unstretched.
-__kernel void grain_gains(__global const float2 *logs, float exponent, __global float *gains)
+// Of each triangle; the last is none, unstretched. groups: as in first_in_group, of triangles; count: of
+// all.
+__kernel void grain_gains(__global const int *groups, __global const float *logs, float exponent,
+                          int count, __global float *gains)
 {
-    int t = get_global_id(0);
-    gains[t] = GRAIN_GAIN(power, logs[t].x, logs[t].y, exponent);
+    const int first = first_in_group(groups);
+    float found[2][LANES];
+    for (int lane = 0; lane < LANES; lane++)
+        for (int axis = 0; axis < 2; axis++)
+            found[axis][lane] = logs[2 * min(first + lane, count - 1) + axis];
+    vstore16(GRAIN_GAIN(power16, vload16(0, found[0]), vload16(0, found[1]), exponent), 0, found[0]);
+    for (int lane = 0; lane < min(LANES, count - first); lane++)
+        gains[first + lane] = found[0][lane];
 }
 
 // The log stretches of the texels of a vector.

@@ -1,15 +1,23 @@
 // Folds of the mesh itself, and the log stretch that they leave to lines (pipeline/folding.py). Places
-// are vertices, those at one place once; members: the triangles around each, listed by offsets.
+// are vertices, those at one place once; members: the triangles around each, listed by offsets. wanted: the
+// numbers of triangles or places that are found, or NULL for all.
 
 #define LEAST_SQUARE 1e-12f // of a stretch ratio: of a triangle that is pressed to nothing
 
+inline int one_of(__global const int *wanted)
+{
+    int i = get_global_id(0);
+    return wanted ? wanted[i] : i;
+}
+
 // normals: of each place the unit sum of the cross products of its triangles, in xyz; 0 without any.
 // per_length: 1 over the length of a fold, so that nothing under- or overflows.
-__kernel void place_normals(__global const float *positions, __global const int *faces,
-                            __global const int *offsets, __global const int *members,
-                            float per_length, __global float4 *normals)
+__kernel void place_normals(__global const int *wanted, __global const float *positions,
+                            __global const int *faces, __global const int *offsets,
+                            __global const int *members, float per_length,
+                            __global float4 *normals)
 {
-    int w = get_global_id(0);
+    int w = one_of(wanted);
     float3 sum = (float3)(0.0f);
     for (int k = offsets[w]; k < offsets[w + 1]; k++) {
         int t = members[k];
@@ -23,11 +31,11 @@ __kernel void place_normals(__global const float *positions, __global const int 
 }
 
 // The first round of smoothing: of the moments of triangles, means over those of each place.
-__kernel void gathered(__global const int *offsets, __global const int *members,
-                       __global const float *shares, __global const float2 *of_triangles,
-                       __global float2 *of_places)
+__kernel void gathered(__global const int *wanted, __global const int *offsets,
+                       __global const int *members, __global const float *shares,
+                       __global const float2 *of_triangles, __global float2 *of_places)
 {
-    int w = get_global_id(0);
+    int w = one_of(wanted);
     float2 sum = (float2)(0.0f);
     for (int k = offsets[w]; k < offsets[w + 1]; k++)
         sum += shares[k] * of_triangles[members[k]];
@@ -37,11 +45,11 @@ __kernel void gathered(__global const int *offsets, __global const int *members,
 // A further round: means over triangles of the means of their corners. A third is that of the place
 // itself, the rest of places beside it, which share the triangles.
 #define SMOOTHED(name, VALUES)                                                                     \
-    __kernel void name(__global const int *offsets, __global const int *beside,                    \
-                       __global const float *shares, __global const VALUES *values,                \
-                       __global VALUES *found)                                                     \
+    __kernel void name(__global const int *wanted, __global const int *offsets,                    \
+                       __global const int *beside, __global const float *shares,                   \
+                       __global const VALUES *values, __global VALUES *found)                      \
     {                                                                                              \
-        int w = get_global_id(0);                                                                  \
+        int w = one_of(wanted);                                                                    \
         VALUES sum = values[w] / 3.0f;                                                             \
         for (int k = offsets[w]; k < offsets[w + 1]; k++)                                          \
             sum += shares[k] * values[beside[k]];                                                  \
@@ -115,12 +123,12 @@ inline float compression(float square)
 // axes of stretch, at most 1, and k the curvatures along them before and after, times `size` and
 // within +-most; 0 where neither axis is compressed. Where both are alike b hangs on no axis.
 // Error below 1e-4 (1 + |b|) where no angle of the neutral is below 5 degrees.
-__kernel void bends(__global const float *positions, __global const int *faces,
-                    __global const int *places, __global const float8 *rest,
-                    __global const float4 *normals, __global const float4 *forms, float size,
-                    float most, __global float2 *moments)
+__kernel void bends(__global const int *wanted, __global const float *positions,
+                    __global const int *faces, __global const int *places,
+                    __global const float8 *rest, __global const float4 *normals,
+                    __global const float4 *forms, float size, float most, __global float2 *moments)
 {
-    int t = get_global_id(0);
+    int t = one_of(wanted);
     moments[t] = (float2)(0.0f);
     if (rest[t].s0 == 0.0f)
         return;
@@ -149,11 +157,13 @@ inline float share_of(float2 moments, float most, float least)
     return most * (square < 1e30f ? square / (1.0f + square) : 1.0f);
 }
 
-// taken: of each triangle, the mean of its places, and 0 for points in none. logs: in place.
-__kernel void take_shares(__global const int *places, __global const float2 *moments, int triangles,
-                          float most, float least, __global float2 *logs, __global float *taken)
+// taken: of each triangle, the mean of its places, and 0 for points in none, of which nothing is taken
+// where they are wanted more than once. logs: in place.
+__kernel void take_shares(__global const int *wanted, __global const int *places,
+                          __global const float2 *moments, int triangles, float most, float least,
+                          __global float2 *logs, __global float *taken)
 {
-    int t = get_global_id(0);
+    int t = one_of(wanted);
     float share = 0.0f;
     if (t < triangles)
         share = (share_of(moments[places[3 * t]], most, least) +

@@ -9,13 +9,13 @@
 #include "clamped_log.clh"
 #include "stretch.clh"
 
-// Of LANES triangles from `first` on, the last again where there are no more.
-inline gradient_t gradients_from(int first, int last, __global const float *positions,
-                                 __global const int *faces, __global const float8 *rest)
+// Of LANES triangles, the last one in place of none.
+inline gradient_t gradients_of(const int *numbers, int last, __global const float *positions,
+                               __global const int *faces, __global const float8 *rest)
 {
     float corner[9][LANES], of_rest[6][LANES];
     for (int lane = 0; lane < LANES; lane++) {
-        int t = min(first + lane, last);
+        int t = min(numbers[lane], last);
         for (int k = 0; k < 9; k++)
             corner[k][lane] = positions[3 * faces[3 * t + k / 3] + k % 3];
         for (int k = 0; k < 6; k++)
@@ -38,20 +38,26 @@ inline float2 to_uv(float4 frame_to_uv, float2 v) // rows of the matrix in xy an
     return normalize((float2)(dot(frame_to_uv.xy, v), dot(frame_to_uv.zw, v)));
 }
 
-// positions: 3 floats per vertex. faces: 3 indices per triangle. rest: as rest_t, high and low parts; 0
-// where a triangle has no usable area in the neutral, and counts as unstretched. count: of all that is
-// written, those behind `triangles` unstretched, too.
+// wanted: the numbers of triangles, or NULL for all. positions: 3 floats per vertex. faces: 3 indices per
+// triangle. rest: as rest_t, high and low parts; 0 where a triangle has no usable area in the neutral, and
+// counts as unstretched. count: of all that is written, those behind `triangles` unstretched, too.
 // ratios: the principal stretches rho1 >= rho2 >= 0, axes: unit vectors in UV, sign free, both
 // unclamped; logs: log rho within +-limit, dimensionless.
-__kernel void stretch_tensor(__global const float *positions, __global const int *faces,
-                             __global const float8 *rest, __global const float4 *frame_to_uv,
-                             int triangles, int count, float limit, __global float2 *ratios,
-                             __global float4 *axes, __global float2 *logs)
+__kernel void stretch_tensor(__global const int *wanted, __global const float *positions,
+                             __global const int *faces, __global const float8 *rest,
+                             __global const float4 *frame_to_uv, int triangles, int count,
+                             float limit, __global float2 *ratios, __global float4 *axes,
+                             __global float2 *logs)
 {
     const int first = get_global_id(0) * LANES;
+    int numbers[LANES];
     float rho1[LANES], rho2[LANES], x[LANES], y[LANES];
-    if (first < triangles) {
-        gradient_t g = gradients_from(first, triangles - 1, positions, faces, rest);
+    for (int lane = 0; lane < LANES; lane++) {
+        int i = min(first + lane, count - 1);
+        numbers[lane] = wanted ? wanted[i] : i;
+    }
+    if (triangles > 0) {
+        gradient_t g = gradients_of(numbers, triangles - 1, positions, faces, rest);
         pair_t rho = singular_values(g), v = right_singular_vector(g);
         vstore8(rho.x, 0, rho1);
         vstore8(rho.y, 0, rho2);
@@ -59,7 +65,7 @@ __kernel void stretch_tensor(__global const float *positions, __global const int
         vstore8(v.y, 0, y);
     }
     for (int lane = 0; lane < min(LANES, count - first); lane++) {
-        int i = first + lane;
+        int i = numbers[lane];
         float2 ratio = (float2)(1.0f), axis1 = (float2)(1.0f, 0.0f), axis2 = (float2)(0.0f, 1.0f);
         if (i < triangles && rest[i].s0 != 0.0f) {
             ratio = (float2)(rho1[lane], rho2[lane]);

@@ -22,7 +22,7 @@ _VECTORS_CPU, _VECTORS = 1024, 64
 # Local memory that a driver uses itself, beside the sums.
 _LEFT = 4 << 10
 # Work-items per group, at most. A multiple of every vector width and of the warps of GPUs.
-_MOST_GROUP = 64
+MOST_GROUP = 64
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def launch_pieces(size: tuple[int, ...], largest_group: int) -> list[LaunchPiece
     More dimensions: groups along the first, the largest power of two that divides it, so that
     get_global_size is that of the whole launch.
     """
-    most = 1 << (min(_MOST_GROUP, largest_group).bit_length() - 1)
+    most = 1 << (min(MOST_GROUP, largest_group).bit_length() - 1)
     if len(size) > 1:
         first = min(size[0] & -size[0], most)
         return [LaunchPiece(None, size, (first, *[1] * (len(size) - 1)))]

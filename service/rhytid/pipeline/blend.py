@@ -33,7 +33,7 @@ from rhytid.pipeline.bins import (
 )
 from rhytid.pipeline.cushion import MORE, SAMPLES, CushionTile, cushion_steps, last_stretch
 from rhytid.pipeline.cushion_layer import APRON
-from rhytid.pipeline.grain import grain_amplitude, grain_gains, relief
+from rhytid.pipeline.grain import fill_gains, grain_amplitude, relief
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.nearby import Groups
 from rhytid.pipeline.reach import SCALE_LIMIT, response_defines
@@ -65,7 +65,7 @@ class Coefficients(BufferGroup):
     """The factors that a frame multiplies codes by.
 
     own: factors of the codes of each layer in each triangle.  gains: factors of the grain, None
-    where there is no grain.  filled: tiles whose triangles have those of their codes; None: all.
+    where there is no grain.  filled: tiles whose triangles have both; None: all.
     """
 
     own: Buffer
@@ -131,22 +131,21 @@ class Blend:
     def coefficients(self, stretch: StretchBuffers) -> Coefficients:
         """The factors of the codes of each layer in each triangle: where it stands between
         the samples and the depth scale that its maps lack (Alg. 3, lines 6 to 10)."""
-        found = self.without_codes(stretch)
+        found = self.unfilled()
         self.fill(found, stretch, None)
         return found
 
-    def without_codes(self, stretch: StretchBuffers) -> Coefficients:
-        """The factors of a frame, of the grain alone; `fill` finds the others."""
-        own = self._device.empty(4 * (self._triangles + 1) * (self._bins.count + 1), np.float32)
-        grainy = relief(self._settings) > 0.0
-        gains = grain_gains(self._device, self._settings, stretch) if grainy else None
-        return Coefficients(own, gains)
+    def unfilled(self) -> Coefficients:
+        """The factors of a frame, to be filled."""
+        count, grainy = self._triangles + 1, relief(self._settings) > 0.0
+        own = self._device.empty(4 * count * (self._bins.count + 1), np.float32)
+        return Coefficients(own, self._device.empty(count, np.float32) if grainy else None)
 
     def fill(self, found: Coefficients, stretch: StretchBuffers, wanted: Groups | None) -> None:
-        """Fill the factors of the codes in some triangles; None: in all."""
+        """Fill the factors in some triangles; None: in all."""
         count, groups = np.int32(self._triangles + 1), wanted or Groups.of(self._triangles + 1)
         self._device.launch(
-            "weights", "sample_weights", (groups.count,), groups.numbers,
+            "weights", "sample_weights", (groups.items,), groups.numbers,
             *self._stretch(stretch), count, self._last_sample, self._exponents, found.own,
             defines={**self._layers, **self._response, **self._oriented},
         )  # fmt: skip
@@ -155,6 +154,8 @@ class Blend:
             self._steps, self._unit, count, found.own,
             defines={**self._layers, **self._response, **self._oriented},
         )  # fmt: skip
+        if found.gains is not None:
+            fill_gains(self._device, self._settings, stretch, found.gains, wanted)
 
     def stretches(self, stretch: StretchBuffers) -> Buffer:
         """Log stretch of each triangle and layer, which `stiff_tile` takes in place of coefficients

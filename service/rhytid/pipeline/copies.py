@@ -99,6 +99,22 @@ class OriginBuffers:
                 buffer.release()
 
 
+def sampled(
+    device: Device, elements: NDArray[np.int32], count: int, triangle: Buffer,
+    origins: OriginBuffers | None,
+) -> NDArray[np.int32]:  # fmt: skip
+    """The triangles that some elements of `count` sample, their own and those of their originals.
+
+    triangle: of each element.  origins: of those that are copies.
+    """
+    own: NDArray[np.int32] = device.read(triangle, (count,), np.int32)[elements]
+    if origins is None:
+        return own
+    first = device.read(origins.triangle, (origins.count,), np.int32)
+    copies = elements - origins.first
+    return np.concatenate([own, first[copies[(copies >= 0) & (copies < origins.count)]]])
+
+
 def copied(copy_of: NDArray[np.int32] | None, metric: Floats | None) -> NDArray[np.bool_] | None:
     """(M,) whether each element is a copy or has a metric; None where none is or has."""
     marks = []

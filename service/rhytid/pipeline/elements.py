@@ -18,10 +18,10 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.tiles import udim_origin
 from rhytid.pipeline.bins import EVEN, ShareRange, scale
 from rhytid.pipeline.cells import CellLists, Lists
-from rhytid.pipeline.copies import OriginBuffers, Origins, copied, copies_last, skews_of
+from rhytid.pipeline.copies import OriginBuffers, Origins, copied, copies_last, sampled, skews_of
 from rhytid.pipeline.cushion_layer import BroadLayer, CushionArrays, narrow_weight
 from rhytid.pipeline.event_elements import EventArrays, EventElements, around_events
-from rhytid.pipeline.nearby import NearbyElements
+from rhytid.pipeline.nearby import NearbyElements, Numbers, elements_of
 from rhytid.pipeline.reach import (
     SCALE_LIMIT,
     Bends,
@@ -36,7 +36,7 @@ from rhytid.pipeline.reach import (
     reaching_in,
     sizes_of_ends,
 )
-from rhytid.pipeline.work import DrawLimit, MapWork
+from rhytid.pipeline.work import DrawLimit, MapWork, Square
 from rhytid.support import cancellation
 
 
@@ -289,6 +289,20 @@ class UdimElements:
         self.pore_lists = Lists.upload(device, pores.lists)
         self.pore_origins = OriginBuffers.upload(device, pores.origins, self.pores - pores.copies)
         self.events = None if events is None else EventElements(device, events)
+
+    def triangles(self, device: Device, square: Square) -> Numbers:
+        """The triangles whose stretch what may be drawn in a square of level 0 answers to, and more
+        than once."""
+        lines = elements_of(self.nearby.answering(square), self.wrinkles)
+        pores = elements_of(self.nearby.pores(square), self.pores)
+        kinds = [
+            (lines, self.wrinkles, self.wrinkle_triangle, self.wrinkle_origins),
+            (pores, self.pores, self.pore_triangle, self.pore_origins),
+        ]
+        if (events := self.events) is not None:
+            numbers = events.nearby(square)
+            kinds.append((numbers, events.count, events.triangle, events.origins))
+        return np.concatenate([sampled(device, *kind) for kind in kinds])
 
     @property
     def bent(self) -> bool:

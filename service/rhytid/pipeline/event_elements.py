@@ -16,6 +16,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.tiles import udim_origin
 from rhytid.pipeline.cells import CellLists, Lists
 from rhytid.pipeline.copies import OriginBuffers, Origins, copied, copies_last
+from rhytid.pipeline.nearby import Numbers, in_square, united
 from rhytid.pipeline.reach import (
     Box,
     around_pores,
@@ -25,6 +26,7 @@ from rhytid.pipeline.reach import (
     pore_roots,
     widest,
 )
+from rhytid.pipeline.work import BLOCK, Square
 
 
 @dataclass(frozen=True)
@@ -110,8 +112,12 @@ class EventElements:
         self.forms = device.upload(events.forms)
         self.triangle = device.upload(events.triangle)
         self.stiffness = device.upload(events.stiffness)
-        self.lists = Lists.upload(device, events.lists)
+        self.lists, self._cells = Lists.upload(device, events.lists), events.lists
         self.origins = OriginBuffers.upload(device, events.origins, self.count - copies)
+
+    def nearby(self, square: Square) -> Numbers:
+        """Those that may be drawn in a square of level 0."""
+        return united([in_square(self._cells, square, BLOCK)])
 
     def release(self) -> None:
         """Give the memory back."""

@@ -7,10 +7,12 @@ and `binned`, whose maps do not hold them, has them as exactly as `redraw`.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.buffer import Buffer
+from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.programs import NO_DEFINES
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
@@ -33,12 +35,42 @@ _STRIP = 8
 _ROOM = 1.2
 
 
+@dataclass(frozen=True)
+class EventScales(BufferGroup):
+    """(σ_w, σ_d) of each event of a UDIM in one frame, on the device.
+
+    filled: squares whose events have them; None: all.
+    """
+
+    values: Buffer
+    filled: set[Square | None] = field(default_factory=set, init=False)
+
+    @classmethod
+    def allocate(cls, device: Device, events: EventElements) -> EventScales:
+        """A buffer for the scales of `events`, not initialised."""
+        return cls(device.empty(2 * events.count, np.float32))
+
+    @property
+    def _buffers(self) -> tuple[Buffer, ...]:
+        return (self.values,)
+
+
 def respond_events(
     device: Device, events: EventElements, settings: AssetSettings, stretch: StretchBuffers
 ) -> Buffer:
     """Alg. 2 for every event, with the share of the log stretch that its kind answers to: (σ_w,
     σ_d) of each."""
-    return _responded(device, events, pore_responder(device, settings, stretch))
+    scales = EventScales.allocate(device, events)
+    fill_events(device, events, settings, stretch, scales)
+    return scales.values
+
+
+def fill_events(
+    device: Device, events: EventElements, settings: AssetSettings, stretch: StretchBuffers,
+    scales: EventScales,
+) -> None:  # fmt: skip
+    """As `respond_events`, over what was there."""
+    _respond(device, events, pore_responder(device, settings, stretch), scales)
 
 
 def respond_events_smooth(
@@ -47,9 +79,11 @@ def respond_events_smooth(
     located: UdimTriangles,
     settings: AssetSettings,
     fields: SmoothFields,
-) -> Buffer:
+) -> EventScales:
     """As `respond_events`, each event at its own point."""
-    return _responded(device, events, smooth_pore_responder(device, located, settings, fields))
+    scales = EventScales.allocate(device, events)
+    _respond(device, events, smooth_pore_responder(device, located, settings, fields), scales)
+    return scales
 
 
 def event_steps(tallest: float, settings: AssetSettings) -> tuple[float, float]:
@@ -70,11 +104,12 @@ def event_codes(
     return coarse.astype(np.int8), fine.astype(np.int8)
 
 
-def _responded(device: Device, events: EventElements, responder: Responder) -> Buffer:
-    scales = device.empty(2 * events.count, np.float32)
-    responder(events.count, events.centres, events.triangle, events.stiffness, scales)
-    take_over(device, events.origins, responder, scales, NO_DEFINES)
-    return scales
+def _respond(
+    device: Device, events: EventElements, responder: Responder, scales: EventScales
+) -> None:
+    found = scales.values
+    responder(events.count, events.centres, events.triangle, events.stiffness, found)
+    take_over(device, events.origins, responder, found, NO_DEFINES)
 
 
 def add_events(

@@ -30,16 +30,18 @@ edges long. Finer meshes are smoothed to see no more, as far as `_MOST_ROUNDS` r
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from rhytid.device.buffer import Buffer
+from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
 from rhytid.domain.lengths import millimetres
 from rhytid.domain.mesh import Mesh
+from rhytid.pipeline.nearby import Numbers, Wanted, listed, united
 from rhytid.pipeline.uv_vertices import triangles_around
 
 # ℓ: where b deviates by 1 from its mean, folds take half of what they can.
@@ -142,6 +144,23 @@ class Beside:
         )
 
 
+@dataclass(frozen=True)
+class NearbyFolds(BufferGroup):
+    """What is found to know what folds take of some triangles.
+
+    moments: places in each round of means, the last round first.  bent: triangles.  normals:
+    places, as `moments`.
+    """
+
+    moments: tuple[Wanted, ...]
+    bent: Wanted
+    normals: tuple[Wanted, ...]
+
+    @property
+    def _buffers(self) -> tuple[Wanted, ...]:
+        return *self.moments, self.bent, *self.normals
+
+
 class Folding:
     """The folds of a mesh, ready to be measured in any frame.
 
@@ -150,7 +169,7 @@ class Folding:
     """
 
     def __init__(self, device: Device, mesh: Mesh, faces: Buffer, rest: Buffer, unit: str) -> None:
-        places = Places.of(mesh)
+        self._places = places = Places.of(mesh)
         self._device, self._faces, self._rest = device, faces, rest
         self._triangles, self._vertices = len(mesh.faces), len(mesh.positions)
         self._count = len(places.offsets) - 1
@@ -160,31 +179,55 @@ class Folding:
             device.upload(places.corners),
         )
         self._around = _uploaded(device, places.offsets, places.members, places.shares)
+        self._listed: Beside | None = None
         self._beside: tuple[Buffer, ...] = ()
         if self._rule.rounds > 1 or self._rule.normal_rounds:
-            beside = Beside.of(places)
+            self._listed = beside = Beside.of(places)
             self._beside = _uploaded(device, beside.offsets, beside.places, beside.shares)
         self._forms = self._neutral_forms(mesh)
 
-    def take(self, frame: Buffer, amount: float, logs: Buffer, tension: Buffer | None) -> Buffer:
-        """(F + 1,) the share of its compression that folds take of each triangle in a frame. It is
-        taken of `logs` in place, and of the tension of vertices.
+    def nearby(self, triangles: Numbers) -> NearbyFolds:
+        """What is found for the shares of some triangles."""
+        corners = self._places.corners
+        moments = self._round_by_round(corners[triangles], self._rule.rounds - 1)
+        bent = united([listed(self._places.offsets, self._places.members, moments[-1])])
+        normals = self._round_by_round(corners[bent], self._rule.normal_rounds)
+        upload = partial(Wanted.upload, self._device)
+        of_places = (tuple(map(upload, rounds)) for rounds in (moments, normals))
+        return NearbyFolds(next(of_places), upload(bent), next(of_places))
 
-        frame: positions (V, 3).  amount: 0 to 1, factor of the share.
+    def _round_by_round(self, places: Numbers, rounds: int) -> list[Numbers]:
+        """Places, and all from which they are smoothed in one round, in two, and so on."""
+        found = [united([places.reshape(-1)])]
+        for _ in range(rounds):
+            assert self._listed is not None
+            beside = listed(self._listed.offsets, self._listed.places, found[-1])
+            found.append(united([found[-1], beside]))
+        return found
+
+    def take(
+        self, frame: Buffer, amount: float, logs: Buffer, tension: Buffer | None, taken: Buffer,
+        triangles: Wanted, near: NearbyFolds | None,
+    ) -> None:  # fmt: skip
+        """The share of its compression that folds take of each triangle in a frame, as `taken`,
+        (F + 1,). It is taken of `logs` in place, and of the tension of vertices.
+
+        frame: positions (V, 3).  amount: 0 to 1, factor of the share.  triangles: of which it is
+        wanted, and nothing was taken yet, the last of them none.  near: what is found for them;
+        None: all.
         """
-        moments = self._moments(frame)
+        moments = self._moments(frame, near or self._all)
         most, least = np.float32(amount * self._rule.most), np.float32(self._rule.least)
-        taken = self._device.empty(self._triangles + 1, np.float32)
         self._launch(
-            "take_shares", self._triangles + 1,
+            "take_shares", triangles,
             self._corners, moments, np.int32(self._triangles), most, least, logs, taken,
         )  # fmt: skip
         if tension is not None:
-            self._launch(
-                "take_tension", self._vertices, self._of_vertex, moments, most, least, tension
-            )
+            self._device.launch(
+                "folding", "take_tension", (self._vertices,),
+                self._of_vertex, moments, most, least, tension,
+            )  # fmt: skip
         moments.release()
-        return taken
 
     def release(self) -> None:
         """Give the memory back."""
@@ -192,11 +235,17 @@ class Folding:
         for buffer in (*owned, *self._around, *self._beside):
             buffer.release()
 
+    @property
+    def _all(self) -> NearbyFolds:
+        triangles, places = Wanted(self._triangles), Wanted(self._count)
+        rounds, of_normals = self._rule.rounds, self._rule.normal_rounds + 1
+        return NearbyFolds((places,) * rounds, triangles, (places,) * of_normals)
+
     def _neutral_forms(self, mesh: Mesh) -> Buffer:
         frame = self._device.upload(mesh.positions)
-        normals, forms = self._normals(frame), self._floats(4 * self._triangles)
-        self._launch(
-            "neutral_forms", self._triangles,
+        normals, forms = self._normals(frame, self._all), self._floats(4 * self._triangles)
+        self._device.launch(
+            "folding", "neutral_forms", (self._triangles,),
             *self._surface(frame, normals), np.float32(self._rule.length), forms,
         )  # fmt: skip
         self._device.finish()
@@ -204,18 +253,18 @@ class Folding:
         normals.release()
         return forms
 
-    def _moments(self, frame: Buffer) -> Buffer:
-        """The means of b and b² of each place; the caller's."""
-        bends, found = self._bends(frame), self._floats(2 * self._count)
-        self._launch("gathered", self._count, *self._around, bends, found)
+    def _moments(self, frame: Buffer, wanted: NearbyFolds) -> Buffer:
+        """The means of b and b² of places; the caller's."""
+        bends, found = self._bends(frame, wanted), self._floats(2 * self._count)
+        self._launch("gathered", wanted.moments[-1], *self._around, bends, found)
         bends.release()
-        return self._smoothed("smoothed", found, 2, self._rule.rounds - 1)
+        return self._smoothed("smoothed", found, 2, wanted.moments)
 
-    def _bends(self, frame: Buffer) -> Buffer:
-        """b and b² of each triangle; the caller's."""
-        normals, moments = self._normals(frame), self._floats(2 * self._triangles)
+    def _bends(self, frame: Buffer, wanted: NearbyFolds) -> Buffer:
+        """b and b² of triangles; the caller's."""
+        normals, moments = self._normals(frame, wanted), self._floats(2 * self._triangles)
         self._launch(
-            "bends", self._triangles, *self._surface(frame, normals), self._forms,
+            "bends", wanted.bent, *self._surface(frame, normals), self._forms,
             np.float32(self._rule.length), np.float32(self._rule.most_bend), moments,
         )  # fmt: skip
         normals.release()
@@ -224,19 +273,21 @@ class Folding:
     def _surface(self, frame: Buffer, normals: Buffer) -> tuple[Buffer, ...]:
         return frame, self._faces, self._corners, self._rest, normals
 
-    def _normals(self, frame: Buffer) -> Buffer:
+    def _normals(self, frame: Buffer, wanted: NearbyFolds) -> Buffer:
         normals, (offsets, members, _) = self._floats(4 * self._count), self._around
         self._launch(
-            "place_normals", self._count, frame, self._faces, offsets, members,
+            "place_normals", wanted.normals[-1], frame, self._faces, offsets, members,
             np.float32(1.0 / self._rule.length), normals,
         )  # fmt: skip
-        return self._smoothed("smoothed_normals", normals, 4, self._rule.normal_rounds)
+        return self._smoothed("smoothed_normals", normals, 4, wanted.normals)
 
-    def _smoothed(self, kernel: str, values: Buffer, width: int, rounds: int) -> Buffer:
-        """Values of the places after so many further rounds; takes these."""
-        for _ in range(rounds):
+    def _smoothed(
+        self, kernel: str, values: Buffer, width: int, wanted: tuple[Wanted, ...]
+    ) -> Buffer:
+        """Values of places after all rounds but the first; takes these."""
+        for places in reversed(wanted[:-1]):
             found = self._floats(width * self._count)
-            self._launch(kernel, self._count, *self._beside, values, found)
+            self._launch(kernel, places, *self._beside, values, found)
             values.release()
             values = found
         return values
@@ -244,8 +295,8 @@ class Folding:
     def _floats(self, count: int) -> Buffer:
         return self._device.empty(count, np.float32)
 
-    def _launch(self, kernel: str, size: int, *arguments: object) -> None:
-        self._device.launch("folding", kernel, (size,), *arguments)
+    def _launch(self, kernel: str, wanted: Wanted, *arguments: object) -> None:
+        self._device.launch("folding", kernel, (wanted.items,), wanted.numbers, *arguments)
 
 
 def _uploaded(device: Device, *arrays: NDArray[Any]) -> tuple[Buffer, ...]:

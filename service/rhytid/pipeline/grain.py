@@ -8,7 +8,7 @@ Its codes are made once per tile and kept; a frame only scales them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
@@ -33,11 +33,13 @@ from rhytid.domain.patch_noise import (
 )
 from rhytid.domain.skin import COARSE
 from rhytid.pipeline.locate import UdimTriangles
+from rhytid.pipeline.nearby import Groups
 from rhytid.pipeline.reach import response_defines
 from rhytid.pipeline.smooth import SmoothFields
 from rhytid.pipeline.stiffness import stiffness_of_texels
 from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR, VectorTriangles
+from rhytid.pipeline.work import Square
 
 # Of the noise to a wave, as grain_codes.cl has it.
 CELLS = 2.0
@@ -192,15 +194,44 @@ def grain_exponent(settings: AssetSettings) -> float:
     return settings.response.alpha_d / 2
 
 
+@dataclass(frozen=True)
+class GrainGains(BufferGroup):
+    """The gains of the grain of each triangle in a frame, on the device.
+
+    filled: UDIMs and squares whose triangles have them; None: all.
+    """
+
+    values: Buffer
+    filled: set[tuple[int, Square] | None] = field(default_factory=set, init=False)
+
+    @classmethod
+    def allocate(cls, device: Device, stretch: StretchBuffers) -> GrainGains:
+        """A buffer for the gains of the triangles of `stretch`, not initialised."""
+        return cls(device.empty(stretch.count, np.float32))
+
+    @property
+    def _buffers(self) -> tuple[Buffer, ...]:
+        return (self.values,)
+
+
 def grain_gains(device: Device, settings: AssetSettings, stretch: StretchBuffers) -> Buffer:
     """float32 of each triangle: the factor of the grain of the neutral."""
     gains = device.empty(stretch.count, np.float32)
-    exponent = np.float32(grain_exponent(settings))
+    fill_gains(device, settings, stretch, gains, None)
+    return gains
+
+
+def fill_gains(
+    device: Device, settings: AssetSettings, stretch: StretchBuffers, gains: Buffer,
+    wanted: Groups | None,
+) -> None:  # fmt: skip
+    """Fill the gains of some triangles; None: of all."""
+    groups, exponent = wanted or Groups.of(stretch.count), np.float32(grain_exponent(settings))
     device.launch(
-        "grain", "grain_gains", (stretch.count,), stretch.logs, exponent, gains,
+        "grain", "grain_gains", (groups.items,),
+        groups.numbers, stretch.logs, exponent, np.int32(stretch.count), gains,
         defines=response_defines(settings.response.soft_limits),
     )  # fmt: skip
-    return gains
 
 
 def tiles_of_square(row: int, column: int, side: int, tile: int) -> list[tuple[int, int]]:

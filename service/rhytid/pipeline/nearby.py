@@ -11,8 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import Self
 
 from rhytid.device.buffer import Buffer, BufferGroup
+from rhytid.device.launches import MOST_GROUP
 from rhytid.device.runtime import Device
 from rhytid.pipeline.cells import CellLists
 from rhytid.pipeline.vectors import VECTOR, VectorTriangles
@@ -24,11 +26,32 @@ _BITS = VECTOR.bit_length() - 1
 
 
 @dataclass(frozen=True)
-class Groups(BufferGroup):
-    """Numbers of so many groups of elements, int32 on the device; None: all, in order."""
+class Wanted(BufferGroup):
+    """What a kernel is launched for: so many numbers, int32 on the device; None: all, in order."""
 
     count: int
     numbers: Buffer | None = None
+
+    @classmethod
+    def upload(cls, device: Device, numbers: Numbers, at_once: int = 1) -> Self:
+        """These numbers.  at_once: that a work-item takes."""
+        last = np.repeat(numbers[-1:], -len(numbers) % (MOST_GROUP * at_once))
+        return cls(len(numbers), device.upload(np.concatenate([numbers, last])))
+
+    @property
+    def items(self) -> int:
+        """How many there are for a kernel that may be launched for the last number more than once:
+        whole work-groups, in place of a launch for these and one for what is left."""
+        return self.count if self.numbers is None else self.numbers.nbytes // 4
+
+    @property
+    def _buffers(self) -> tuple[Buffer | None, ...]:
+        return (self.numbers,)
+
+
+@dataclass(frozen=True)
+class Groups(Wanted):
+    """Numbers of groups of elements."""
 
     @classmethod
     def of(cls, elements: int) -> Groups:
@@ -36,20 +59,11 @@ class Groups(BufferGroup):
         return cls(-(-elements // VECTOR))
 
     @classmethod
-    def upload(cls, device: Device, numbers: Numbers) -> Groups:
-        """The groups of these numbers."""
-        return cls(len(numbers), device.upload(numbers))
-
-    @classmethod
     def of_triangles(cls, device: Device, triangles: VectorTriangles) -> Groups:
         """The groups of the triangles under the texels of a tile."""
         shape = (triangles.members.nbytes // 8, 2)
         members = device.read(triangles.members, shape, np.int32)
-        return cls.upload(device, _united([members[:, 0] >> _BITS]))
-
-    @property
-    def _buffers(self) -> tuple[Buffer | None, ...]:
-        return (self.numbers,)
+        return cls.upload(device, united([groups_of(members[:, 0])]))
 
 
 @dataclass(frozen=True)
@@ -90,24 +104,51 @@ class NearbyElements:
 
     def of(self, device: Device, square: Square) -> NearbyGroups:
         """The groups of a square of level 0."""
-        drawn = _united([_in_square(lists, square, side) for lists, side in self._lists])
         none = np.array([self._count // VECTOR], np.int32)
-        if self._count % VECTOR:  # the last wrinkles are in its group
-            drawn = _united([drawn, none])
-        answering = _united([drawn, self._beside(drawn)])
-        pores = _united([_in_square(self._pores, square, BLOCK)])
-        found = (_united([drawn, none]), answering, pores)
+        found = (united([self._drawn(square), none]), self.answering(square), self.pores(square))
         return NearbyGroups(*(Groups.upload(device, some) for some in found))
+
+    def answering(self, square: Square) -> Numbers:
+        """Groups of wrinkles, as of NearbyGroups."""
+        drawn = self._drawn(square)
+        return united([drawn, self._beside(drawn)])
+
+    def pores(self, square: Square) -> Numbers:
+        """Groups of pores, as of NearbyGroups."""
+        return united([in_square(self._pores, square, BLOCK)])
+
+    def _drawn(self, square: Square) -> Numbers:
+        drawn = [in_square(lists, square, side) for lists, side in self._lists]
+        if self._count % VECTOR:  # the last wrinkles are in the group of none
+            drawn.append(np.array([self._count // VECTOR], np.int32))
+        return united(drawn)
 
     def _beside(self, groups: Numbers) -> Numbers:
         """The groups of wrinkles that continue those of some groups."""
         if not len(self._partners):
             return self._partners
-        first, last = self._offsets[groups], self._offsets[groups + 1]
-        counts = last - first
-        at = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
-        found: Numbers = self._partners[at]
-        return found
+        return listed(self._offsets, self._partners, groups)
+
+
+def listed(offsets: Numbers, members: Numbers, numbers: Numbers) -> Numbers:
+    """The members of some lists, one after the other.  offsets: of all lists into members."""
+    first = offsets[numbers]
+    counts = offsets[numbers + 1] - first
+    at = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
+    found: Numbers = members[at]
+    return found
+
+
+def groups_of(elements: Numbers) -> Numbers:
+    """The number of the group of each element."""
+    return elements >> _BITS
+
+
+def elements_of(groups: Numbers, count: int) -> Numbers:
+    """The elements of some groups, of so many in all."""
+    each: Numbers = np.arange(VECTOR, dtype=np.int32)
+    found: Numbers = np.add(VECTOR * groups[:, None], each, dtype=np.int32).reshape(-1)
+    return found[found < count]
 
 
 def _grouped(lists: CellLists) -> CellLists:
@@ -132,7 +173,7 @@ def _of_partners(partners: Numbers | None) -> tuple[Numbers, Numbers]:
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int32), other[apart]
 
 
-def _in_square(lists: CellLists, square: Square, side: int) -> Numbers:
+def in_square(lists: CellLists, square: Square, side: int) -> Numbers:
     """The members of the cells, of `side` texels a side, that a square lies in."""
     row, column, texels = square
     left, right = (
@@ -143,7 +184,7 @@ def _in_square(lists: CellLists, square: Square, side: int) -> Numbers:
     return np.concatenate([np.zeros(0, np.int32), *(lists.members[a:b] for a, b in ends)])
 
 
-def _united(parts: list[Numbers]) -> Numbers:
+def united(parts: list[Numbers]) -> Numbers:
     """Each number of some parts once, in order."""
     every = np.concatenate(parts)
     found = np.zeros(int(every.max(initial=-1)) + 1, bool)

@@ -100,7 +100,7 @@ class LineStretches(BufferGroup):
         take_over(device, elements.wrinkle_origins, wrinkles, r, R_ALONE)
         wanted = Groups.of(count + 1) if near is None else near.wrinkles
         device.launch(
-            "ends", "end_stretches", (wanted.count,),
+            "ends", "end_stretches", (wanted.items,),
             wanted.numbers, r, elements.partners, np.int32(count),
             np.float32(settings.response.ends), self.ends,
             defines=response_defines(settings.response.soft_limits),
@@ -149,7 +149,7 @@ def wrinkle_responder(
     ) -> None:  # fmt: skip
         wanted = groups or Groups.of(count)
         device.launch(
-            "respond", "respond_wrinkles", (wanted.count,),
+            "respond", "respond_wrinkles", (wanted.items,),
             wanted.numbers, places, triangle, stretch.axes, stretch.logs, stretch.jacobians, stiff,
             np.int32(count), np.float32(response.alpha_w), np.float32(response.alpha_d), into,
             defines={**limits, **defines},
@@ -168,7 +168,7 @@ def pore_responder(device: Device, settings: AssetSettings, stretch: StretchBuff
     ) -> None:  # fmt: skip
         wanted = groups or Groups.of(count)
         device.launch(
-            "respond", "respond_pores", (wanted.count,),
+            "respond", "respond_pores", (wanted.items,),
             wanted.numbers, triangle, stretch.logs, stiff, np.int32(count),
             np.float32(response.beta_w), np.float32(response.beta_d),
             np.float32(response.pore_depth_limit), into,
@@ -239,7 +239,7 @@ def _wrinkle_scales(
     yield r
     wanted = Groups.of(elements.wrinkles) if near is None else near.wrinkles
     device.launch(
-        "ends", "respond_ends", (wanted.count,),
+        "ends", "respond_ends", (wanted.items,),
         wanted.numbers, r, elements.partners, np.int32(elements.wrinkles),
         np.float32(response.ends), np.float32(response.alpha_w), np.float32(response.alpha_d),
         *shares, scales.wrinkles,

@@ -4,7 +4,7 @@ al. 2020). Kernels: stretch.cl, tension.cl, uv_stretch.cl."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol
 
@@ -15,8 +15,10 @@ from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device, OnFirstUse
 from rhytid.domain.lengths import USUAL_UNIT
 from rhytid.domain.mesh import Mesh
-from rhytid.pipeline.folding import Folding
+from rhytid.pipeline.folding import Folding, NearbyFolds
+from rhytid.pipeline.nearby import Groups, Numbers, Wanted, groups_of, united
 from rhytid.pipeline.uv_vertices import unit_jacobians
+from rhytid.pipeline.work import Square
 
 # Of a work-item of stretch.cl.
 TRIANGLES = 8
@@ -31,6 +33,7 @@ class StretchBuffers(BufferGroup):
     it.  tension: ρ of each vertex, by the model `tension` only, less that, too.
     jacobians: float4, ∂X/∂(u, v) of the neutral for angles on the surface, or None; the stage's.
     taken: the share that folds take of negative logs, or None where they take nothing.
+    filled: UDIMs and squares that have the stretch that they need; None: all.
     """
 
     count: int
@@ -41,20 +44,38 @@ class StretchBuffers(BufferGroup):
     tension: Buffer | None = None
     jacobians: Buffer | None = None
     taken: Buffer | None = None
+    filled: set[tuple[int, Square] | None] = field(default_factory=set, init=False)
 
     @classmethod
     def allocate(
-        cls, device: Device, model: str, triangles: int, vertices: int, jacobians: Buffer | None
-    ) -> StretchBuffers:
-        """Buffers for the stretch of that many triangles and vertices, not initialised."""
+        cls, device: Device, model: str, triangles: int, vertices: int, jacobians: Buffer | None,
+        folds: bool = False,
+    ) -> StretchBuffers:  # fmt: skip
+        """Buffers for the stretch of that many triangles and vertices, not initialised.  folds:
+        whether they take something."""
         count = triangles + 1
         ratios, axes, logs = (device.empty(width * count, np.float32) for width in (2, 4, 2))
         tension = device.empty(vertices, np.float32) if model == "tension" else None
-        return cls(count, ratios, axes, logs, model, tension, jacobians)
+        taken = device.empty(count, np.float32) if folds else None
+        return cls(count, ratios, axes, logs, model, tension, jacobians, taken)
 
     @property
     def _buffers(self) -> tuple[Buffer | None, ...]:
         return (self.ratios, self.axes, self.logs, self.tension, self.taken)
+
+
+@dataclass(frozen=True)
+class NearbyTriangles(BufferGroup):
+    """The triangles whose stretch is wanted, the last of them none, their groups, and what is found
+    for their folds; None where these take nothing."""
+
+    numbers: Wanted
+    groups: Groups
+    folds: NearbyFolds | None = None
+
+    @property
+    def _buffers(self) -> tuple[Wanted | NearbyFolds | None, ...]:
+        return self.numbers, self.groups, self.folds
 
 
 class StretchStage:
@@ -92,33 +113,56 @@ class StretchStage:
         compared in "uv" or on the "surface".  soft: log stretch goes to its limit by a knee.
         folds: factor of what folds of the mesh take of log stretch; 0 leaves it.
         """
-        log_limit = LogLimit(limit, soft)
-        jacobians = self._jacobians if angles == "surface" else None
-        # The neutral frame is unstretched by definition, in every model, without rounding errors.
-        if positions is None:
-            return self._measure(self._neutral, 0, log_limit, "tensor", jacobians, 0.0)
-        return self._measure(positions, self.triangles, log_limit, model, jacobians, folds)
-
-    def _measure(
-        self,
-        positions: NDArray[np.float32],
-        triangles: int,
-        limit: LogLimit,
-        model: str,
-        jacobians: Buffer | None,
-        folds: float,
-    ) -> StretchBuffers:
-        found = StretchBuffers.allocate(
-            self._device, model, self.triangles, len(positions), jacobians
-        )
-        frame = self._device.upload(positions)
-        measure = self._tensor if model == "tensor" else self._others[model].get()
-        measure.launch(frame, self._faces, triangles, limit, found)
-        if folds > 0.0:
-            taken = self._folding.get().take(frame, folds, found.logs, found.tension)
-            found = replace(found, taken=taken)
-        frame.release()
+        found = self.unfilled(positions, model, angles, folds)
+        self.fill(found, positions, limit, soft, folds)
         return found
+
+    def unfilled(
+        self, positions: NDArray[np.float32] | None, model: str, angles: str, folds: float
+    ) -> StretchBuffers:
+        """Buffers for `fill`, with the arguments of `run`."""
+        jacobians = self._jacobians if angles == "surface" else None
+        if positions is None:  # it is unstretched in every model
+            model, folds = "tensor", 0.0
+        counts = self.triangles, len(self._neutral)
+        return StretchBuffers.allocate(self._device, model, *counts, jacobians, folds > 0.0)
+
+    def fill(
+        self,
+        found: StretchBuffers,
+        positions: NDArray[np.float32] | None,
+        limit: float,
+        soft: bool = False,
+        folds: float = 0.0,
+        near: NearbyTriangles | None = None,
+    ) -> None:
+        """Fill what `unfilled` has made, with the arguments of `run`.  near: what is wanted, by the
+        model `tensor` of a deformed frame; None: all."""
+        # The neutral frame is unstretched by definition, in every model, without rounding errors.
+        deformed = positions is not None
+        frame = self._device.upload(positions if positions is not None else self._neutral)
+        triangles, within = self.triangles if deformed else 0, LogLimit(limit, soft)
+        wanted = Wanted(found.count) if near is None else near.numbers
+        if found.model == "tensor":
+            self._tensor.launch(frame, self._faces, triangles, within, found, wanted)
+        else:
+            measure = self._others[found.model].get()
+            measure.launch(frame, self._faces, triangles, within, found)
+        if found.taken is not None:
+            of_folds = None if near is None else near.folds
+            into = (found.logs, found.tension, found.taken)
+            self._folding.get().take(frame, folds, *into, wanted, of_folds)
+        frame.release()
+
+    def nearby(self, triangles: Numbers, folds: float) -> NearbyTriangles:
+        """For `fill`: some triangles, and none.  folds: as of `run`."""
+        own, none = triangles[triangles < self.triangles], np.array([self.triangles], np.int32)
+        every = np.concatenate([own, none])
+        return NearbyTriangles(
+            Wanted.upload(self._device, every, TRIANGLES),
+            Groups.upload(self._device, united([groups_of(every)])),
+            self._folding.get().nearby(own) if folds > 0.0 else None,
+        )
 
     def read(self, found: StretchBuffers) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """(ratios (F, 2) unclamped, axes (F, 2, 2) with axes[f, i] = ŝᵢ) on the host."""
@@ -237,13 +281,16 @@ class Tensor:
         self._frame_to_uv = device.upload(rest.frame_to_uv)
 
     def launch(
-        self, frame: Buffer, faces: Buffer, triangles: int, limit: LogLimit, found: StretchBuffers
-    ) -> None:
-        """Fill `found` for the first `triangles`; the rest is unstretched."""
+        self, frame: Buffer, faces: Buffer, triangles: int, limit: LogLimit, found: StretchBuffers,
+        wanted: Wanted | None = None,
+    ) -> None:  # fmt: skip
+        """Fill `found` for the first `triangles`; the rest is unstretched.  wanted: of all; None:
+        all."""
+        wanted = wanted or Wanted(found.count)
         self._device.launch(
-            "stretch", "stretch_tensor", (-(-found.count // TRIANGLES),),
-            frame, faces, self.rest, self._frame_to_uv,
-            np.int32(triangles), np.int32(found.count), np.float32(limit.most),
+            "stretch", "stretch_tensor", (-(-wanted.items // TRIANGLES),),
+            wanted.numbers, frame, faces, self.rest, self._frame_to_uv,
+            np.int32(triangles), np.int32(wanted.items), np.float32(limit.most),
             found.ratios, found.axes, found.logs,
             defines=limit.defines,
         )  # fmt: skip

@@ -18,19 +18,20 @@ from rhytid.engine.messages import FrameStretch, MapQuery
 from rhytid.pipeline.bin_maker import BinTile
 from rhytid.pipeline.blend import Coefficients
 from rhytid.pipeline.event_elements import EventElements
-from rhytid.pipeline.events import add_events, respond_events, respond_events_smooth
+from rhytid.pipeline.events import EventScales, add_events, fill_events, respond_events_smooth
 from rhytid.pipeline.grain import (
     Grain,
+    GrainGains,
     GrainPlace,
     GrainPlanes,
+    fill_gains,
     grain_codes,
-    grain_gains,
     grain_place,
     relief,
     tiles_of_square,
 )
 from rhytid.pipeline.levels import Draw
-from rhytid.pipeline.nearby import Groups, NearbyGroups
+from rhytid.pipeline.nearby import Groups, NearbyGroups, united
 from rhytid.pipeline.redraw import (
     R_ALONE,
     LineStretches,
@@ -40,7 +41,7 @@ from rhytid.pipeline.redraw import (
     wrinkle_responder,
 )
 from rhytid.pipeline.smooth import SmoothFields, respond_smooth, smooth_wrinkle_responder
-from rhytid.pipeline.stretch import StretchBuffers
+from rhytid.pipeline.stretch import NearbyTriangles, StretchBuffers
 from rhytid.pipeline.work import Square
 
 P = TypeVar("P")
@@ -75,16 +76,42 @@ class DeviceFrames:
             axes, ratios, self._base.stretch.read_taken(self.stretch(frame, "tensor"))
         )
 
-    def stretch(self, frame: Frame, model: str) -> StretchBuffers:
-        """Clamped log stretch, less what folds of the mesh take, and its axes, of each triangle."""
+    def stretch(
+        self, frame: Frame, model: str, alone: tuple[int, Square] | None = None
+    ) -> StretchBuffers:
+        """Clamped log stretch, less what folds of the mesh take, and its axes, of each triangle.
+
+        alone: a UDIM and a tile of it, of whose triangles it is wanted; None: of all.
+        """
         base, response = self._base, self._base.settings.response
-        limit, soft = response.log_stretch_limit, response.soft_limits
-        return base.cache.keep_of(
+        limit, soft, folds = response.log_stretch_limit, response.soft_limits, response.folds
+        positions, angles = frame.positions, base.settings.angles
+        found: StretchBuffers = base.cache.keep_of(
             frame, "stretch", model,
-            make=lambda: base.stretch.run(
-                frame.positions, limit, model, base.settings.angles, soft, response.folds
-            ),
+            make=lambda: base.stretch.unfilled(positions, model, angles, folds),
         )  # fmt: skip
+        if positions is None or model != "tensor":
+            alone = None
+
+        def fill(near: NearbyTriangles | None) -> None:
+            base.stretch.fill(found, positions, limit, soft, folds, near)
+
+        _fill(found.filled, alone, self._triangles, fill)
+        return found
+
+    def _triangles(self, place: tuple[int, Square]) -> NearbyTriangles:
+        """The triangles whose stretch a tile needs, by any method."""
+        base, (udim, (row, column, side)) = self._base, place
+
+        def make() -> NearbyTriangles:
+            texels = base.located[udim].texels(base.settings.resolution, row, column, side)
+            shown = base.device.read(texels, (side * side,), np.int32)
+            texels.release()
+            answering = base.elements[udim].triangles(base.device, place[1])
+            return base.stretch.nearby(united([shown, answering]), base.settings.response.folds)
+
+        found: NearbyTriangles = base.cache.keep("nearby triangles", *place, make=make)
+        return found
 
     def fields(self, frame: Frame, model: str) -> SmoothFields:
         """Log stretch interpolated over the surface, for `smooth` sampling."""
@@ -111,12 +138,15 @@ class DeviceFrames:
 
         found: ScaleBuffers = base.cache.keep_of(frame, "scales", udim, model, sampling, make=make)
 
-        def fill(near: NearbyGroups | None) -> None:
-            respond_nearby(device, elements, settings, found, self.stretch(frame, model), near)
+        if sampling == "smooth":
+            return found
+        square = self.alone(frame, ("scales", udim, model), udim, square)
 
-        if sampling != "smooth":
-            square = self._alone(frame, ("scales", udim, model), udim, square)
-            _fill(found.filled, square, partial(self._nearby, udim), fill)
+        def fill(near: NearbyGroups | None) -> None:
+            stretch = self.stretch(frame, model, square and (udim, square))
+            respond_nearby(device, elements, settings, found, stretch, near)
+
+        _fill(found.filled, square, partial(self._nearby, udim), fill)
         return found
 
     def line_stretches(
@@ -137,12 +167,13 @@ class DeviceFrames:
             found.frame = frame.digest
             found.filled.clear()
 
+        square = None if query.sampling == "smooth" else square
+        square = self.alone(frame, ("lines", *key), udim, square)
+
         def fill(near: NearbyGroups | None) -> None:
-            responder = self._lines_alone(frame, query, udim)
+            responder = self._lines_alone(frame, query, udim, square)
             found.fill(device, elements, settings, responder, near)
 
-        square = None if query.sampling == "smooth" else square
-        square = self._alone(frame, ("lines", *key), udim, square)
         _fill(found.filled, square, partial(self._nearby, udim), fill)
         return found.ends
 
@@ -152,7 +183,7 @@ class DeviceFrames:
         found: NearbyGroups = self._base.cache.keep("nearby", udim, *square, make=make)
         return found
 
-    def _alone(
+    def alone(
         self, frame: Frame, what: tuple[Any, ...], udim: int, square: Square | None
     ) -> Square | None:
         """The tile that a square lies in, where what is found for a frame is found for it alone,
@@ -185,14 +216,17 @@ class DeviceFrames:
         held[frame.digest] = place
         return place
 
-    def _lines_alone(self, frame: Frame, query: MapQuery, udim: int) -> Responder:
-        """Launches Alg. 1 for r of wrinkles."""
+    def _lines_alone(
+        self, frame: Frame, query: MapQuery, udim: int, square: Square | None
+    ) -> Responder:
+        """Launches Alg. 1 for r of wrinkles.  square: a tile, of whose wrinkles it is wanted."""
         base, model = self._base, query.stretch
         device, settings = base.device, base.settings
         if query.sampling == "smooth":
             fields, located = self.fields(frame, model), base.located[udim]
             return smooth_wrinkle_responder(device, located, settings, fields, R_ALONE)
-        return wrinkle_responder(device, settings, self.stretch(frame, model), R_ALONE)
+        stretch = self.stretch(frame, model, square and (udim, square))
+        return wrinkle_responder(device, settings, stretch, R_ALONE)
 
     def coefficients(
         self, frame: Frame, model: str, alone: tuple[TileAddress, BinTile] | None = None
@@ -200,15 +234,13 @@ class DeviceFrames:
         """Coefficients of each triangle by which the fast method blends.  alone: a tile, of whose
         triangles they are wanted; None: of all."""
         base, blend = self._base, self._base.blend
-        found: Coefficients = base.cache.keep_of(
-            frame, "coefficients", model,
-            make=lambda: blend.without_codes(self.stretch(frame, model)),
-        )  # fmt: skip
+        found: Coefficients = base.cache.keep_of(frame, "coefficients", model, make=blend.unfilled)
         place, tile = alone or (None, None)
+        square = None
         if place is not None:
-            udim, square = place.udim, base.square(place)
-            if self._alone(frame, ("coefficients", udim, model), udim, square) is None:
-                place = None
+            udim = place.udim
+            square = self.alone(frame, ("coefficients", udim, model), udim, base.square(place))
+            place = place if square is not None else None
 
         def groups(at: TileAddress) -> Groups:
             assert tile is not None
@@ -217,10 +249,25 @@ class DeviceFrames:
             return found
 
         def fill(wanted: Groups | None) -> None:
-            blend.fill(found, self.stretch(frame, model), wanted)
+            near = (place.udim, square) if place is not None and square is not None else None
+            blend.fill(found, self.stretch(frame, model, near), wanted)
 
         _fill(found.filled, place, groups, fill)
         return found
+
+    def gains(self, frame: Frame, model: str, alone: tuple[int, Square] | None) -> Buffer:
+        """Gains of the grain of each triangle.  alone: as of `stretch`."""
+        base, stretch = self._base, self.stretch(frame, model, alone)
+        found: GrainGains = base.cache.keep_of(
+            frame, "gains", model, make=partial(GrainGains.allocate, base.device, stretch)
+        )
+
+        def fill(near: NearbyTriangles | None) -> None:
+            groups = None if near is None else near.groups
+            fill_gains(base.device, base.settings, stretch, found.values, groups)
+
+        _fill(found.filled, alone, self._triangles, fill)
+        return found.values
 
     def bin_stretches(self, frame: Frame, model: str) -> Buffer:
         """Stretch of each triangle across each bin, for texels with a stiffness of their own."""
@@ -280,7 +327,7 @@ class DeviceEvents:
         """Add the events of a frame to a square of level 0."""
         base, events = self._base, self._base.elements[udim].events
         if events is not None:
-            scales = self._scales(frame, query, udim, events)
+            scales = self._scales(frame, query, udim, events, square)
             add_events(base.device, events, base.settings, scales, square, out)
 
     @property
@@ -306,17 +353,30 @@ class DeviceEvents:
         self.add(out, NEUTRAL_FRAME, MapQuery("neutral"), udim, square)
         return out
 
-    def _scales(self, frame: Frame, query: MapQuery, udim: int, events: EventElements) -> Buffer:
-        base, model, sampling = self._base, query.stretch, query.sampling
+    def _scales(
+        self, frame: Frame, query: MapQuery, udim: int, events: EventElements, square: Square
+    ) -> Buffer:
+        base, frames, model, sampling = self._base, self._frames, query.stretch, query.sampling
         device, settings = base.device, base.settings
 
-        def make() -> Buffer:
+        def make() -> EventScales:
             if sampling == "smooth":
-                fields, located = self._frames.fields(frame, model), base.located[udim]
+                fields, located = frames.fields(frame, model), base.located[udim]
                 return respond_events_smooth(device, events, located, settings, fields)
-            return respond_events(device, events, settings, self._frames.stretch(frame, model))
+            return EventScales.allocate(device, events)
 
-        return base.cache.keep_of(frame, "event scales", udim, model, sampling, make=make)
+        found: EventScales = base.cache.keep_of(
+            frame, "event scales", udim, model, sampling, make=make
+        )
+        if sampling != "smooth":
+            alone = frames.alone(frame, ("events", udim, model), udim, square)
+
+            def fill(near: Square | None) -> None:
+                stretch = frames.stretch(frame, model, near and (udim, near))
+                fill_events(device, events, settings, stretch, found)
+
+            _fill(found.filled, alone, lambda place: place, fill)
+        return found.values
 
 
 class DeviceGrain:
@@ -344,7 +404,7 @@ class DeviceGrain:
 
     def add(self, out: Buffer, frame: Frame, query: MapQuery, udim: int, square: Square) -> None:
         """Add the grain of a frame to a square of level 0; only where grain `shows`."""
-        grain = self._of_frame(frame, query, udim)
+        grain = self._of_frame(frame, query, udim, square)
         for at in tiles_of_square(*square, self._base.tile_side):
             grain.add(out, square, self._place(udim, *at), self.codes(udim, *at))
 
@@ -358,13 +418,12 @@ class DeviceGrain:
             ),
         )  # fmt: skip
 
-    def _of_frame(self, frame: Frame, query: MapQuery, udim: int) -> Grain:
-        base, model = self._base, query.stretch
-        stretch = self._frames.stretch(frame, model)
-        fields = self._frames.fields(frame, model) if query.sampling == "smooth" else None
-        gains = base.cache.keep_of(
-            frame, "gains", model, make=lambda: grain_gains(base.device, base.settings, stretch)
-        )
+    def _of_frame(self, frame: Frame, query: MapQuery, udim: int, square: Square) -> Grain:
+        base, frames, model = self._base, self._frames, query.stretch
+        fields = frames.fields(frame, model) if query.sampling == "smooth" else None
+        alone = frames.alone(frame, ("gains", udim, model), udim, None if fields else square)
+        stretch = frames.stretch(frame, model, alone and (udim, alone))
+        gains = frames.gains(frame, model, alone and (udim, alone))
         return Grain(base.device, base.settings, base.located[udim], stretch, gains, fields)
 
     def _planes(self) -> GrainPlanes:
