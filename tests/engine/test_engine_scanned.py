@@ -309,11 +309,12 @@ def far_from_denied(denied: np.ndarray) -> dict[int, np.ndarray]:
         cKDTree(np.concatenate([places[u][seen[u].covered & (scanned[u] == kept)] for u in UDIMS]))
         for kept in (False, True)
     )
-    return {
-        u: np.where(scanned[u], without.query(places[u])[0], -having.query(places[u])[0])
-        * seen[u].covered
-        for u in UDIMS
-    }
+    far = {u: np.zeros((SIDE, SIDE)) for u in UDIMS}
+    for u in UDIMS:
+        on, off = seen[u].covered & scanned[u], seen[u].covered & ~scanned[u]
+        far[u][on] = without.query(places[u][on])[0]
+        far[u][off] = -having.query(places[u][off])[0]
+    return far
 
 
 def test_from_the_border_on_a_scan_in_which_skin_grows_is_the_scan(filled):
