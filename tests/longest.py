@@ -18,5 +18,6 @@ LONGEST = (
     "test_engine_slopes", "test_kernel_draw", "test_dask_run", "test_texture_files",
     "test_mesh_scan_check", "test_package_scanned", "test_stage_convolve_smooth",
     "test_kernel_convolve", "test_cli_check", "test_engine_waves", "test_engine_local_copies",
-    "test_engine_memory", "test_house_docker", "test_surface_patch",
+    "test_engine_memory", "test_house_docker", "test_surface_patch", "test_engine_nearby",
+    "test_transfer", "test_cli_displace",
 )  # fmt: skip

@@ -19,6 +19,7 @@ from live.gated import TILE
 from live.speaker import Speaker, speaking
 from rhytid.api.admission import LivePlaces
 from rhytid.api.live import session
+from rhytid.api.live.wire import LiveClosed, read_opening
 from rhytid.errors import BusyError, QuotaError
 
 BAD_HEADERS = {
@@ -45,6 +46,36 @@ def test_a_wrong_header_is_named(speaker: Speaker, named: str) -> None:
     speaker.socket.send(header if isinstance(header, str) else json.dumps(header))
     code, reason = speaker.closed()
     assert (code, named in reason) == (4400, True), reason
+
+
+@pytest.mark.parametrize(
+    ("part", "reason"),
+    [
+        ({"message": None}, "message is None: must be 'open'"),
+        ({"speed": 1}, "unknown key speed"),
+        ({"camera": {}}, "camera.matrix is missing"),
+        ({"tiles": [[1001, 0, 1]]}, "tiles.0.3 is missing"),
+        ({"tiles": [[1001, 0, -1, 0]]}, "tiles.0.2 is -1: must be greater than or equal to 0"),
+        ({"tiles": []}, "tiles is []: List should have at least 1 item, not 0"),
+        ({"tiles": [TILE, TILE]}, "tiles names a tile twice"),
+        ({"tiles": None}, "must have either tiles or camera"),
+        ({"format": "exr"}, "format is 'exr': must be 'f32', 'f16' or 'u16'"),
+        ({"tolerance": "n" * 999}, f"tolerance is '{'n' * 23}…: must be a valid number"),
+    ],
+)
+def test_a_header_is_refused_with_the_place_and_the_value(
+    part: dict[str, Any], reason: str
+) -> None:
+    header = {"message": "open", "tiles": [TILE], **part}
+    with pytest.raises(LiveClosed) as closed:
+        read_opening(json.dumps(header))
+    assert (closed.value.code, closed.value.reason[:8]) == (4400, "header: ")
+    assert closed.value.reason[8:].startswith(reason)
+
+
+def test_a_header_is_an_object() -> None:
+    with pytest.raises(LiveClosed, match=r"^header: must be a JSON object$"):
+        read_opening("[1]")
 
 
 @pytest.mark.parametrize(

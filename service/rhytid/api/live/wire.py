@@ -4,6 +4,7 @@ describes."""
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -41,6 +42,8 @@ ORDER = 4409
 TOO_LARGE = 4413
 # A close frame holds so many bytes, two of which are the code.
 _LONGEST = 123
+# Characters of a wrong value that the reason shows.
+_LONGEST_SHOWN = 24
 CLOSE_CODES = {
     1000: "the client is done",
     1001: "the client goes away",
@@ -219,7 +222,22 @@ def _read(kind: type[BaseModel], text: str, what: str) -> Any:
     except (SettingsError, LimitError) as error:
         raise LiveClosed(BAD_MESSAGE, str(error)) from error
     except ValidationError as error:
-        fault = error.errors()[0]
-        place = ".".join(str(step) for step in fault["loc"])
-        said = f"{what}: {place}: {fault['msg']}" if place else f"{what}: {fault['msg']}"
-        raise LiveClosed(BAD_MESSAGE, said) from error
+        raise LiveClosed(BAD_MESSAGE, f"{what}: {_fault(error.errors()[0])}") from error
+
+
+def _fault(fault: Mapping[str, Any]) -> str:
+    """What is wrong and where, as problems of HTTP say it."""
+    place, said = ".".join(str(step) for step in fault["loc"]), fault["msg"]
+    if fault["type"] == "missing":
+        return f"{place} is missing"
+    if fault["type"] == "extra_forbidden":
+        return f"unknown key {place}"
+    if fault["type"] == "value_error":  # one of ours
+        return str(fault["ctx"]["error"])
+    if not place:
+        return "must be a JSON object"
+    found = repr(fault["input"])
+    if len(found) > _LONGEST_SHOWN:
+        found = found[:_LONGEST_SHOWN] + "…"
+    said = said.replace("Input should be", "must be").replace(" after validation", "")
+    return f"{place} is {found}: {said}"
