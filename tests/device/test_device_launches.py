@@ -15,6 +15,7 @@ from rhytid.device.launches import (
     MOST_ITEMS,
     LaunchPacing,
     launch_pieces,
+    whole_groups,
 )
 from rhytid.device.runtime import Device
 from synthesis import sheets
@@ -92,3 +93,12 @@ def test_how_work_is_cut_changes_no_bit(device: Device, monkeypatch: pytest.Monk
         return [a.tobytes() for a in (pores.position, pores.uv, edges.nodes, edges.length)]
 
     assert made(64) == made(256) == made(MOST_ITEMS)
+
+
+@pytest.mark.parametrize("items", [1, 63, 64, 65, 4097])
+@pytest.mark.parametrize("largest", [16, 100, 4096])
+def test_whole_groups_are_one_piece(items, largest):
+    size = whole_groups(items)
+    assert items <= size < items + 64
+    assert len(launch_pieces((size,), largest)) == 1
+    assert whole_groups(0) == 0

@@ -105,6 +105,12 @@ def launch_pieces(size: tuple[int, ...], largest_group: int) -> list[LaunchPiece
     return pieces
 
 
+def whole_groups(items: int) -> int:
+    """So many work-items, or up to 63 more: of a kernel in which those beyond its elements do
+    nothing. So it is launched, and compiled by PoCL, for groups of 64 alone."""
+    return -(-items // MOST_GROUP) * MOST_GROUP
+
+
 # Work-items of a launch: the most, the least, and of a kernel that nobody has measured yet.
 MOST_ITEMS, LEAST_ITEMS, FIRST_ITEMS = 1 << 18, 1 << 10, 1 << 12
 # Seconds that a launch should take. Its items may be several times as much work as those before.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from typing_extensions import Self
 
 from rhytid.device.buffer import Buffer, BufferGroup
-from rhytid.device.launches import MOST_GROUP
+from rhytid.device.launches import MOST_GROUP, whole_groups
 from rhytid.device.runtime import Device
 from rhytid.pipeline.cells import CellLists
 from rhytid.pipeline.vectors import VECTOR, VectorTriangles
@@ -55,8 +55,8 @@ class Groups(Wanted):
 
     @classmethod
     def of(cls, elements: int) -> Groups:
-        """All groups of so many elements."""
-        return cls(-(-elements // VECTOR))
+        """All groups of so many elements, and some behind them."""
+        return cls(whole_groups(-(-elements // VECTOR)))
 
     @classmethod
     def of_triangles(cls, device: Device, triangles: VectorTriangles) -> Groups:

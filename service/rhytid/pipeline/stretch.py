@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer, BufferGroup
+from rhytid.device.launches import whole_groups
 from rhytid.device.runtime import Device, OnFirstUse
 from rhytid.domain.lengths import USUAL_UNIT
 from rhytid.domain.mesh import Mesh
@@ -288,7 +289,7 @@ class Tensor:
         all."""
         wanted = wanted or Wanted(found.count)
         self._device.launch(
-            "stretch", "stretch_tensor", (-(-wanted.items // TRIANGLES),),
+            "stretch", "stretch_tensor", (whole_groups(-(-wanted.items // TRIANGLES)),),
             wanted.numbers, frame, faces, self.rest, self._frame_to_uv,
             np.int32(triangles), np.int32(wanted.items), np.float32(limit.most),
             found.ratios, found.axes, found.logs,
