@@ -161,7 +161,8 @@ def test_of_triangles_that_no_element_of_a_tile_answers_to_nothing_is_found(devi
 
 
 @pytest.mark.usefixtures("unknown")
-def test_elements_may_sample_any_triangle(device):
+def test_elements_may_sample_any_triangle(device, choice):
+    """Where the texels of a tile were not located before, too."""
     mesh, random = sheet(40), np.random.default_rng(9)
     lines, faces = orderly(), len(mesh.faces)
     lines = replace(
@@ -170,15 +171,15 @@ def test_elements_may_sample_any_triangle(device):
         edge_triangle=random.integers(0, faces, LINES, np.int32),
     )
     frame = Frame.of(deform(mesh.positions, 3, 0.15))
-    whole, tiled = (
-        asset_of(device, mesh, lines, tile_size=side, **CHOICES["best"]) for side in (256, TILE)
-    )
-    for query in (REDRAW, BINNED):
-        (wanted,) = whole.finest.tiles(frame, query, [TileAddress(1001, 0, 0, 0)])
-        for at in ADDRESSES[3:15:4]:
-            rows, columns = (slice(TILE * i, TILE * i + TILE) for i in (at.row, at.column))
-            assert tile_of(tiled, frame, query, at) == wanted[rows, columns].tobytes()
-            tiled.mesh.cache.clear()  # no tile has the stretch of another
+    whole, tiled = (asset_of(device, mesh, lines, tile_size=side, **choice) for side in (256, TILE))
+    methods, first = (REDRAW, BINNED), [TileAddress(1001, 0, 0, 0)]
+    wanted = {query: whole.finest.tiles(frame, query, first)[0] for query in methods}
+    for at in ADDRESSES[3:15:4]:
+        rows, columns = (slice(TILE * i, TILE * i + TILE) for i in (at.row, at.column))
+        for query in methods:
+            tile = wanted[query][rows, columns]
+            assert tile_of(tiled, frame, query, at) == tile.tobytes()
+        tiled.mesh.cache.clear()  # no tile has the stretch of another
     for asset in (whole, tiled):
         asset.release()
 

@@ -61,9 +61,7 @@ class Groups(Wanted):
     @classmethod
     def of_triangles(cls, device: Device, triangles: VectorTriangles) -> Groups:
         """The groups of the triangles under the texels of a tile."""
-        shape = (triangles.members.nbytes // 8, 2)
-        members = device.read(triangles.members, shape, np.int32)
-        return cls.upload(device, united([groups_of(members[:, 0])]))
+        return cls.upload(device, united([groups_of(triangles.numbers(device))]))
 
 
 @dataclass(frozen=True)

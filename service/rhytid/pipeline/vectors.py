@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
@@ -43,6 +44,12 @@ class VectorTriangles(BufferGroup):
             device.upload(np.append(np.int32(0), ends)), device.empty(2 * int(ends[-1]), np.int32)
         )
         device.launch("vectors", "list_triangles", (count,), triangles, found.firsts, found.members)
+        return found
+
+    def numbers(self, device: Device) -> NDArray[np.int32]:
+        """The triangles of all vectors, one after the other."""
+        members = device.read(self.members, (self.members.nbytes // 8, 2), np.int32)
+        found: NDArray[np.int32] = members[:, 0]
         return found
 
     @property

@@ -31,7 +31,7 @@ from rhytid.pipeline.grain import (
     tiles_of_square,
 )
 from rhytid.pipeline.levels import Draw
-from rhytid.pipeline.nearby import Groups, NearbyGroups, united
+from rhytid.pipeline.nearby import Groups, NearbyGroups, Numbers, united
 from rhytid.pipeline.redraw import (
     R_ALONE,
     LineStretches,
@@ -101,14 +101,12 @@ class DeviceFrames:
 
     def _triangles(self, place: tuple[int, Square]) -> NearbyTriangles:
         """The triangles whose stretch a tile needs, by any method."""
-        base, (udim, (row, column, side)) = self._base, place
+        base, (udim, square) = self._base, place
 
         def make() -> NearbyTriangles:
-            texels = base.located[udim].texels(base.settings.resolution, row, column, side)
-            shown = base.device.read(texels, (side * side,), np.int32)
-            texels.release()
-            answering = base.elements[udim].triangles(base.device, place[1])
-            return base.stretch.nearby(united([shown, answering]), base.settings.response.folds)
+            answering = base.elements[udim].triangles(base.device, square)
+            every = united([_shown(base, udim, square), answering])
+            return base.stretch.nearby(every, base.settings.response.folds)
 
         found: NearbyTriangles = base.cache.keep("nearby triangles", *place, make=make)
         return found
@@ -304,6 +302,30 @@ def _fill(
     filled.update(known)
 
 
+def _shown(base: DeviceMesh, udim: int, tile: Square) -> Numbers:
+    """The triangles that texels of a tile show. To locate texels takes longer than all else that is
+    found once for a tile, so they are those of its maps or of its grain, where it has any."""
+    row, column, side = tile
+    bins: BinTile | None = base.cache.find(
+        "bins", TileAddress(udim, 0, row // side, column // side)
+    )
+    if bins is not None:
+        return bins.triangles.numbers(base.device)
+    if relief(base.settings) > 0.0:
+        return _grain_place(base, udim, row, column).triangles.numbers(base.device)
+    texels = base.located[udim].texels(base.settings.resolution, row, column, side)
+    shown: Numbers = base.device.read(texels, (side * side,), np.int32)
+    texels.release()
+    return shown
+
+
+def _grain_place(base: DeviceMesh, udim: int, row: int, column: int) -> GrainPlace:
+    """That of the tile of level 0 with this first texel."""
+    square, located = (row, column, base.tile_side), base.located[udim]
+    make = partial(grain_place, base.device, located, base.settings, base.stiffness, square)
+    return base.cache.keep("grain place", udim, row, column, make=make)
+
+
 class DeviceEvents:
     """The events of an asset in a frame, to be added to what any method draws."""
 
@@ -406,7 +428,7 @@ class DeviceGrain:
         """Add the grain of a frame to a square of level 0; only where grain `shows`."""
         grain = self._of_frame(frame, query, udim, square)
         for at in tiles_of_square(*square, self._base.tile_side):
-            grain.add(out, square, self._place(udim, *at), self.codes(udim, *at))
+            grain.add(out, square, _grain_place(self._base, udim, *at), self.codes(udim, *at))
 
     def codes(self, udim: int, row: int, column: int) -> Buffer:
         """The codes of grain of the tile of level 0 with this first texel."""
@@ -431,9 +453,3 @@ class DeviceGrain:
         shares = base.relief_shares, base.patch_size
         make = partial(GrainPlanes, base.device, base.mesh, base.settings, *shares)
         return base.cache.keep("planes", make=make)
-
-    def _place(self, udim: int, row: int, column: int) -> GrainPlace:
-        base = self._base
-        square, located = (row, column, base.tile_side), base.located[udim]
-        make = partial(grain_place, base.device, located, base.settings, base.stiffness, square)
-        return base.cache.keep("grain place", udim, row, column, make=make)
