@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from uuid import uuid4
 
 from rhytid.errors import DiskFullError, StorageError, TooManyFilesError
 from rhytid.support import cancellation
@@ -39,6 +38,13 @@ _OPEN = (errno.EMFILE, errno.ENFILE)
 _UNFINISHED, _ABANDONED = ".unfinished-", 24 * 3600.0
 _HIDDEN = re.compile(re.escape(_UNFINISHED) + UNIQUE.pattern, re.ASCII)
 UNFINISHED = FolderKind("rhytid unfinished", marker=".rhytid-unfinished")
+
+
+def _new_name() -> str:
+    """A name that nobody has, as UNIQUE. To import uuid takes longer than many a command."""
+    return os.urandom(16).hex()
+
+
 # Folders in which `atomic_write` prepares the files of other folders: see `prepared_in`.
 _places: dict[Path, Path] = {}
 # How often a folder is emptied in which others write, and the seconds between two times.
@@ -131,7 +137,7 @@ def claim(folder: Path, kind: FolderKind, before: Callable[[Path], bool] | None 
     """
     if check_owned(folder, kind, before):
         return
-    aside = folder / f".{kind.marker}-{uuid4().hex}"
+    aside = folder / f".{kind.marker}-{_new_name()}"
     try:
         write_file(aside, kind.text())
         restrict(aside, group=has_group(folder))
@@ -146,7 +152,7 @@ def working_folder(partial: Path, *, group: bool = False) -> Iterator[Path]:
 
     group: its group has the rights of its owner.
     """
-    place = partial / uuid4().hex
+    place = partial / _new_name()
     place.mkdir(mode=0o700)
     with _removed_after(place):
         if group:
@@ -173,7 +179,7 @@ def _hidden_working_folder(folder: Path) -> Iterator[Path]:
 
 
 def _new_hidden_folder(folder: Path) -> Path:
-    name = f"{_UNFINISHED}{uuid4().hex}"
+    name = f"{_UNFINISHED}{_new_name()}"
     if (other := _places.get(folder)) is not None:
         with suppress(OSError):  # it is gone, or of another user
             (other / name).mkdir(mode=0o700)
@@ -310,7 +316,7 @@ def discard(path: Path, partial: Path) -> None:
 def set_aside(path: Path, partial: Path) -> Path:
     """Hide a file or a folder by one rename into `partial`; returns where it is then, for
     `remove_tree`."""
-    aside = partial / uuid4().hex
+    aside = partial / _new_name()
     path.replace(aside)
     with suppress(FileNotFoundError):  # another change took the folder around it
         sync_folder(path.parent)

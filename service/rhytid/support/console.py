@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 from rhytid.errors import InputError
@@ -244,6 +243,8 @@ class _Steps:
         """Words for the time that is left now; empty before a step is done."""
         if not self._last:
             return ""
+        from statistics import median  # which a command without steps need not import
+
         usual, after = median(self._last), self._many - self.done - 1
         here = max(usual - (time.monotonic() - self._start), 0.0)
         return _left(here + after * usual)
