@@ -1,7 +1,7 @@
 """Programs that the asset loaded last needed, and those that drew it since, built again at the next
 start before anybody asks.
 
-Of a program that it has compiled before, PoCL still reads the source: some 50 ms of the processor
+Of a program that it has compiled before, PoCL still reads the source: some 15 ms of the processor
 each, and an asset needs a dozen. A server that waits for its first request builds them meanwhile.
 """
 
