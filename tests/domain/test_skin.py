@@ -65,6 +65,13 @@ def test_no_pore_moves_with_age() -> None:
             assert all(getattr(aged(region, age), n) == getattr(region, n) for n in kept)
 
 
+@pytest.mark.parametrize("name", REGIONS)
+def test_faint_lines_of_young_skin_are_no_deeper_than_at_35(name: str) -> None:
+    young, usual = aged(REGIONS[name], YOUNGEST), REGIONS[name]
+    for weight in (0.02, 0.1, 0.5):
+        assert young.strength * weight**young.contrast <= usual.strength * weight**usual.contrast
+
+
 def test_patches_of_old_skin_differ_less_and_those_of_young_skin_as_at_35() -> None:
     region = REGIONS["forehead"]
     assert aged(region, 65.0).patchiness == region.patchiness * region.old.patchiness

@@ -261,6 +261,8 @@ def aged(region: Region, age: float) -> Region:
     if age == USUAL_AGE:
         return region
     share, old = wear(age), region.old
+    # Less contrast would lift the faint lines of young skin as high as at 35.
+    worn = max(share, 0.0)
     depth = old.strength**share / depth_factor(age)
     # Of pores `strength` is a factor as well as of lines.
     pores = (old.pore_strength / old.strength) ** share
@@ -271,10 +273,10 @@ def aged(region: Region, age: float) -> Region:
         anisotropy=region.anisotropy * old.anisotropy**share,
         scale=region.scale * old.scale**share,
         pore_radius=region.pore_radius * old.pore_radius**share,
-        contrast=region.contrast * old.contrast**share,
+        contrast=region.contrast * old.contrast**worn,
         grain=region.grain * old.grain**share / depth_factor(age),
-        undulation=region.undulation * old.undulation ** max(share, 0.0),
-        patchiness=region.patchiness * old.patchiness ** max(share, 0.0),
+        undulation=region.undulation * old.undulation**worn,
+        patchiness=region.patchiness * old.patchiness**worn,
     )
 
 
