@@ -91,7 +91,7 @@ def net(
     """Pores on a mesh and the candidates among their `count` nearest."""
     pores, surface = scattered(device, mesh, radius, seed), Surface.of(mesh)
     with Workspace(device) as work:
-        found = candidates(work, surface, neighbours(mesh), pores, radius, count, silent)
+        found, _ = candidates(work, surface, neighbours(mesh), pores, radius, count, silent)
     return pores, found
 
 

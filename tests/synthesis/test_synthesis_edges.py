@@ -7,11 +7,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
+from reference.synthesis import pairs_in_sight
 from rhytid.device.runtime import Device
 from rhytid.domain.mesh import Mesh
-from rhytid.synthesis.edges import crossings
+from rhytid.synthesis.edges import LEAST_ANGLE, REACH, WAYS, candidates, crossings
 from rhytid.synthesis.incidence import independent_set
+from rhytid.synthesis.progress import silent
 from rhytid.synthesis.seams.charts import BORDER, neighbours, trace
 from rhytid.synthesis.surface import FloatArray, Points, Surface
 from rhytid.synthesis.workspace import Workspace
@@ -61,6 +64,42 @@ def test_edges_join_each_pore_to_its_neighbours_once(device: Device) -> None:
     ends = pores.position[edges.nodes]
     assert np.linalg.norm(ends[:, 0] - ends[:, 1], axis=-1) == pytest.approx(edges.length, rel=1e-6)
     assert 2.5 < len(edges) / len(pores) < 3.5
+
+
+@pytest.mark.parametrize("crowded", [1.0, 1.45])
+def test_edges_join_what_is_in_sight_however_many_are_near(device: Device, crowded: float) -> None:
+    mesh, radius = sheets.sheet(), 0.1
+    pores = sheets.scattered(device, mesh, radius / crowded)
+    with Workspace(device) as work:
+        edges, nearest = candidates(
+            work, Surface.of(mesh), neighbours(mesh), pores, radius, 8, silent
+        )
+    wanted = pairs_in_sight(pores.position, pores.normal, 8, REACH * radius, LEAST_ANGLE)
+    found = set(map(tuple, edges.nodes.tolist()))
+    assert found <= wanted
+    assert len(found) > 0.98 * len(wanted)
+    distance = cKDTree(pores.position).query(pores.position, k=2)[0][:, 1]
+    # Places are counted in steps of a 65,536th of the radius.
+    assert nearest == pytest.approx(distance, abs=2.0 * radius / 2**16)
+    near = [len(n) - 1 for n in cKDTree(pores.position).query_ball_point(pores.position, 0.22)]
+    assert max(near) <= WAYS if crowded == 1.0 else np.mean(np.array(near) > WAYS) > 0.5
+
+
+def test_a_point_beyond_a_crowd_is_joined_too(device: Device) -> None:
+    mesh, radius = sheets.sheet(), 0.1
+    pores = sheets.scattered(device, mesh, 0.012)
+    tree = cKDTree(pores.position[:, :2])
+    centre, beyond = tree.query([(0.5, 0.5), (0.34, 0.5)])[1]
+    crowd = tree.query_ball_point((0.57, 0.5), 0.035)
+    assert len(crowd) > WAYS
+    chosen = np.sort([centre, beyond, *crowd])
+    few = pores.take(chosen)
+    with Workspace(device) as work:
+        edges, _ = candidates(work, Surface.of(mesh), neighbours(mesh), few, radius, 16, silent)
+    wanted = pairs_in_sight(few.position, few.normal, 16, REACH * radius, LEAST_ANGLE)
+    pair = tuple(np.sort(np.searchsorted(chosen, [centre, beyond])).tolist())
+    assert pair in wanted
+    assert set(map(tuple, edges.nodes.tolist())) == wanted
 
 
 def test_no_two_edges_leave_a_pore_side_by_side(device: Device) -> None:

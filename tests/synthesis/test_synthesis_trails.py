@@ -85,8 +85,9 @@ def test_what_is_wanted_first_is_flat_and_closed(device: Device, worn: Worn) -> 
     pores, edges, found, strength = worn
     with Workspace(device) as work:
         net = CandidateGraph(
-            pores, edges, found, LATTICE, 0.04, edges_per_pore(8), np.empty(0, np.int32)
-        )
+            pores, edges, found, LATTICE, 0.04, edges_per_pore(8), np.empty(0, np.int32),
+            np.empty(0, np.float32),
+        )  # fmt: skip
         priority = priorities(work, net, strength, silent)
     first = edges.take(np.argsort(-priority)[: int(2.1 * len(pores))])
     with Workspace(device) as work:

@@ -51,24 +51,56 @@ inline void gather_near(near_t *near, int most, int i, __global const int *place
     }
 }
 
-// The farthest of the `neighbours` nearest of each point: its squared distance in 1/scale and its
-// number; infinity where fewer are within reach.
-__kernel void farthest_neighbour(int first, int count, int neighbours, __global const int *place,
-                                 __global const float *normal, __global const float *factor, int cell,
-                                 uint mask, __global const int *head, __global const int *next,
-                                 float scale, float reach, __global float *far2, __global int *far)
+// In place of the first of a row of `ways`: more than WAYS points are within reach.
+#define MANY -2
+
+// For each point those within reach, nearest first, in a row of WAYS, -1 where there are no more; the
+// squared distance of the first, infinity without one. And the farthest of its `neighbours` nearest:
+// its squared distance and its number; infinity where fewer are within reach.
+__kernel void list_near(int first, int count, int neighbours, __global const int *place,
+                        __global const float *normal, __global const float *factor, int cell,
+                        uint mask, __global const int *head, __global const int *next, float scale,
+                        float reach, __global float *nearest2, __global float *far2,
+                        __global int *far, __global int *ways)
 {
     int i = first + get_global_id(0);
     if (i >= count)
         return;
     near_t near;
-    gather_near(&near, neighbours, i, place, normal, factor, cell, mask, head, next, scale, reach);
-    bool enough = near.count == neighbours;
+    gather_near(&near, max(neighbours, WAYS + 1), i, place, normal, factor, cell, mask, head, next,
+                scale, reach);
+    bool enough = near.count >= neighbours;
+    nearest2[i] = near.count ? near.distance2[0] : INFINITY;
     far2[i] = enough ? near.distance2[neighbours - 1] : INFINITY;
     far[i] = enough ? near.number[neighbours - 1] : INT_MAX;
+    for (int s = 0; s < WAYS; s++)
+        ways[i * WAYS + s] = s < near.count ? near.number[s] : -1;
+    if (near.count > WAYS)
+        ways[i * WAYS] = MANY;
 }
 
-// For each point up to WAYS neighbours, nearest first, -1 where there are no more. Neighbours are
+// What `list_near` found of a point, or all that are within reach where they were too many for it.
+inline void recall_near(near_t *near, int i, __global const int *ways, __global const int *place,
+                        __global const float *normal, __global const float *factor, int cell,
+                        uint mask, __global const int *head, __global const int *next, float scale,
+                        float reach)
+{
+    if (ways[i * WAYS] == MANY) {
+        gather_near(near, MOST_NEAR, i, place, normal, factor, cell, mask, head, next, scale, reach);
+        return;
+    }
+    int3 p = vload3(i, place);
+    int found = 0;
+    for (; found < WAYS && ways[i * WAYS + found] >= 0; found++) {
+        int j = ways[i * WAYS + found];
+        float3 d = between(p, vload3(j, place), scale);
+        near->number[found] = j;
+        near->distance2[found] = dot(d, d);
+    }
+    near->count = found;
+}
+
+// In place of what `list_near` left in `ways`, for each point up to WAYS neighbours, nearest first, -1 where there are no more. Neighbours are
 // two points of which one is among the `neighbours` nearest of the other. Left out are those that lie
 // beside a nearer one, at a smaller angle than that of `cosine2`, the square of its cosine.
 __kernel void find_neighbours(int first, int count, __global const int *place,
@@ -81,7 +113,7 @@ __kernel void find_neighbours(int first, int count, __global const int *place,
     if (i >= count)
         return;
     near_t near;
-    gather_near(&near, MOST_NEAR, i, place, normal, factor, cell, mask, head, next, scale, reach);
+    recall_near(&near, i, ways, place, normal, factor, cell, mask, head, next, scale, reach);
     int3 p = vload3(i, place);
     float3 sight[MOST_NEAR];
     int looked = 0, found = 0;

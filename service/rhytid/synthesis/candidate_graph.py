@@ -49,7 +49,8 @@ class CandidateGraph:
 
     crossings: (P, 2) pairs of edges that cross.  lattice: of the places of pores.  length, degree:
     on even skin, the mean length of edges and their number per pore.  first (L,): the pores that
-    were there first.
+    were there first.  nearest (N,): the distance of each pore to the nearest, infinity where none
+    is within reach of an edge.
     """
 
     pores: Points
@@ -59,6 +60,7 @@ class CandidateGraph:
     length: float
     degree: float
     first: NDArray[np.int32]
+    nearest: NDArray[np.float32]
 
     @classmethod
     def build(
@@ -76,11 +78,15 @@ class CandidateGraph:
         scattering = part(progress, 0.0, 0.64)
         pores, at = scatter_around(work, surface, radius, seed, scattering, fields, first)
         joining, crossing = part(progress, 0.64, 0.79), part(progress, 0.79, 0.97)
-        edges = candidates(work, surface, ground.across, pores, radius, count, joining, fields)
+        edges, nearest = candidates(
+            work, surface, ground.across, pores, radius, count, joining, fields
+        )
         lattice = Lattice.absolute(radius, *surface.extent)
         found = crossings(work, pores, edges.nodes, edges.length, crossing, lattice)
         progress(0.97, "crossings")
-        return cls(pores, edges, found, lattice, LENGTH * radius, edges_per_pore(count), at)
+        return cls(
+            pores, edges, found, lattice, LENGTH * radius, edges_per_pore(count), at, nearest
+        )
 
     def paths(
         self, work: Workspace, directions: Directions, fields: Fields, progress: Progress

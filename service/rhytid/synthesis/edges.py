@@ -69,8 +69,9 @@ def candidates(
     count: int,
     progress: Progress,
     fields: Fields | None = None,
-) -> Edges:
-    """The edges from each pore to its `count` nearest that can be drawn on the map.
+) -> tuple[Edges, NDArray[np.float32]]:
+    """The edges from each pore to its `count` nearest that can be drawn on the map, and (N,) the
+    distance from each pore to the nearest, infinity where none is within reach of an edge.
 
     across: (F, 3) neighbours of the triangles.  radius: of the discs around the pores, in units of
     the surface.
@@ -82,7 +83,7 @@ def candidates(
         cell = REACH * radius * float(factor.max(initial=0.0))
         cloud = DevicePoints.of(nested, pores, cell, lattice)
         found = nested.upload(factor)
-        ways = _ways(nested, cloud, found, radius, count, part(progress, 0.0, 0.6))
+        ways, nearest = _ways(nested, cloud, found, radius, count, part(progress, 0.0, 0.6))
         nodes, length = _pairs(nested, cloud, ways)
         nested.release(ways, found, *cloud.points, cloud.grid.head, cloud.grid.next)
         tracing = part(progress, 0.7, 0.95)
@@ -94,7 +95,7 @@ def candidates(
         rows = rest[start : start + _ROWS]
         drawable[rows] = meets_at_seam(surface, across, pores, nodes[rows], length[rows])
         progress(0.95 + 0.05 * start / len(rest), "edges")
-    return Edges(nodes, length, middle).take(drawable)
+    return Edges(nodes, length, middle).take(drawable), nearest
 
 
 def _ways(
@@ -104,25 +105,27 @@ def _ways(
     radius: float,
     count: int,
     progress: Progress,
-) -> Buffer:
-    """(N, WAYS) int32 on the device: the neighbours of each pore that no nearer one hides."""
+) -> tuple[Buffer, NDArray[np.float32]]:
+    """(N, WAYS) int32 on the device: the neighbours of each pore that no nearer one hides; and (N,)
+    the distance to the nearest."""
     shared = (
         *cloud.points, factor, *cloud.grid.arguments, float(cloud.lattice.unit / radius),
         float(REACH),
     )  # fmt: skip
-    far2, far = work.empty(cloud.count, np.float32), work.empty(cloud.count, np.int32)
+    nearest2, far2 = (work.empty(cloud.count, np.float32) for _ in range(2))
+    far, ways = work.empty(cloud.count, np.int32), work.empty(WAYS * cloud.count, np.int32)
     work.run(
-        "nearest", "farthest_neighbour", cloud.count, count, *shared, far2, far, defines=DEFINES,
-        report=lambda share: progress(0.5 * share, "edges"),
+        "nearest", "list_near", cloud.count, count, *shared, nearest2, far2, far, ways,
+        defines=DEFINES, report=lambda share: progress(0.5 * share, "edges"),
     )  # fmt: skip
-    ways = work.empty(WAYS * cloud.count, np.int32)
     work.run(
         "nearest", "find_neighbours", cloud.count, *shared,
         float(np.cos(LEAST_ANGLE) ** 2), far2, far, ways,
         defines=DEFINES, report=lambda share: progress(0.5 + 0.5 * share, "edges"),
     )  # fmt: skip
-    work.release(far2, far)
-    return ways
+    nearest = np.float32(radius) * np.sqrt(work.read(nearest2, (cloud.count,), np.float32))
+    work.release(nearest2, far2, far)
+    return ways, nearest
 
 
 def _pairs(

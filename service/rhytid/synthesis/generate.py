@@ -120,7 +120,7 @@ def synthesize(
         borders = Borders.of(mesh, surface, across)
         ground = Ground(work, surface, across, fields, borders, unit)
         skin, cut = _skin(ground, plain if uneven else fields, settings, part(report, 0.0, _GROWN))
-        distance = mean_spacing(work, skin.net.pores)[0] * surface.scale
+        distance = _distance(work, skin.net) * surface.scale
         events = events_of(surface, fields, settings, skin.spacing, unit)
         shaping, spacing = part(report, _GROWN, 1.0), skin.spacing
         parts = skin.drawn(ground, borders, cut, settings.start, shaping, events)
@@ -133,6 +133,13 @@ def synthesize(
     report(1.0, "shapes")
     lengths = Lengths.of(spacing * surface.scale, settings.age)
     return Synthesis(graph, lengths, distance, surface.stretched)
+
+
+def _distance(work: Workspace, net: CandidateGraph) -> float:
+    """The mean distance of a pore to the nearest: of those within reach of an edge, which are
+    nearly all; where none is, as far as it takes."""
+    found = net.nearest[np.isfinite(net.nearest)]
+    return float(found.mean(dtype=np.float64)) if len(found) else mean_spacing(work, net.pores)[0]
 
 
 def _skin(
