@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 
+import numpy as np
 import pytest
 from pyopencl import cache
 
@@ -64,6 +65,23 @@ def test_what_kernels_do_not_use_of_opencl_builds_as_well(device, built):
         == "far"
     )
     assert built[-1] == ["-DFAR"]
+
+
+def test_small_numbers_end_where_they_do_by_the_header(device):
+    text = """kernel void ended(global short *out, global uchar *bytes) {
+        out[0] = add_sat(out[0], out[1]);
+        bytes[0] = sub_sat(bytes[0], bytes[1]);
+        bytes[1] = clz(bytes[1]);
+    }"""
+    program = driver.compile_program(device.context, text, [])
+    shorts, small = np.array([300, 32700], np.int16), np.array([3, 5], np.uint8)
+    flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
+    out, there = (cl.Buffer(device.context, flags, hostbuf=values) for values in (shorts, small))
+    queue = cl.CommandQueue(device.context)
+    program.ended(queue, (1,), None, out, there)
+    cl.enqueue_copy(queue, shorts, out)
+    cl.enqueue_copy(queue, small, there)
+    assert (shorts[0], *small) == (32767, 0, 5)
 
 
 def test_an_error_is_told_by_the_line_of_its_own_text(device):
