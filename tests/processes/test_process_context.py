@@ -130,6 +130,9 @@ def test_arrays_of_a_call_lie_in_the_memory_of_its_line(monkeypatch: pytest.Monk
         request = Request(OPERATIONS["tiles.draw"], ("a", Frame.of(positions), *place))
         answer, holds = line.ask(request.packed, None)
         assert answer.value.tobytes() == (positions + 1.0).tobytes()
+        # The answer lies there by now, and what is sent next will.
+        sent = request.packed.shared().positional[1].positions
+        assert sent.tobytes() == positions.tobytes()
         del answer, holds
     line.close()
     thread.join()

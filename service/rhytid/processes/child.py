@@ -126,7 +126,7 @@ class _Process:
                         return
                     room = _room(offer)
                 if room is not None and answer.places:
-                    answer.write(room)
+                    answer.lend(room)
                 send(line, Message(answer.body, answer.places))
                 del answer, message
 

@@ -84,7 +84,7 @@ class Line:
             memory, nbytes, places = kept
             send(self._line, Message(request.body, places, nbytes, 0, (memory, *files)))
         elif self._room is not None and nbytes <= min(self.room, _IN_ROOM):
-            request.write(self._room)
+            request.lend(self._room)
             send(self._line, Message(request.body, places, descriptors=files))
         else:
             memory = shared_file(nbytes)

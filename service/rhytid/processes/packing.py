@@ -117,7 +117,7 @@ Places = Sequence[tuple[int, int]]
 class Packed:
     """A value as a pickle, the bytes of its large arrays, and the descriptors of its files.
 
-    memory: shared memory that the arrays were written to last, None where they were not.
+    memory: shared memory of its own that the arrays were written to last, None where they were not.
     """
 
     body: bytes
@@ -139,8 +139,12 @@ class Packed:
         return start + -(-size // _STEP) * _STEP
 
     def write(self, memory: Bytes) -> None:
-        """Put the arrays into shared memory."""
+        """Put the arrays into shared memory, which nothing else is written to."""
+        self.lend(memory)
         self.memory = memory
+
+    def lend(self, memory: Bytes) -> None:
+        """Put the arrays into shared memory that others are written to later."""
         for array, (start, size) in zip(self.arrays, self.places, strict=True):
             memory[start : start + size] = np.frombuffer(array, np.uint8)
 
@@ -152,7 +156,10 @@ class Packed:
                 at += os.pwrite(descriptor, array[at:], start + at)
 
     def shared(self) -> Any:
-        """The value once more, its large arrays in the shared memory that they were written to."""
+        """The value once more, its large arrays in the shared memory that they were written to, or
+        copied where that has others by now."""
+        if self.memory is None:
+            self.write(np.empty(self.nbytes, np.uint8))
         return unpack(self.body, self.places, self.memory)
 
     def kept_file(self) -> tuple[int, int, Places] | None:
