@@ -230,7 +230,7 @@ def test_where_a_kernel_fails_nothing_counts_as_found(device, monkeypatch):
     asset = asset_of(device, lines=orderly(), tile_size=TILE, **BEST)
     squares = [asset.mesh.square(at) for at in ADDRESSES[:2]]
     found = asset.frames.scales(FRAMES[0], REDRAW, 1001, squares[0])
-    assert found.filled == {squares[0]}
+    assert found.filled == {(1001, squares[0])}
 
     def fail(*given: Any) -> None:
         raise DeviceError("no more")
@@ -241,7 +241,25 @@ def test_where_a_kernel_fails_nothing_counts_as_found(device, monkeypatch):
             asset.frames.scales(FRAMES[0], REDRAW, 1001, squares[1])
     assert found.filled == set()
     asset.frames.scales(FRAMES[0], REDRAW, 1001, squares[1])
-    assert found.filled == {squares[1]}
+    assert found.filled == {(1001, squares[1])}
+    asset.release()
+
+
+@pytest.mark.usefixtures("unknown")
+@pytest.mark.parametrize("query", [REDRAW, BINNED], ids=["redraw", "binned"])
+def test_a_tile_is_the_same_again_where_its_stretch_was_dropped(device, query):
+    """As where memory is short, or where its kernels fail half-way; what follows from it stays."""
+    copy_of = np.full(2 * LINES, ORIGINAL, np.int32)
+    copy_of[-10 * COPIES :] = np.arange(10 * COPIES)
+    lines = replace(orderly(), node_copy_of=copy_of)
+    asset = asset_of(device, lines=lines, tile_size=TILE, **BEST)
+    first = tile_of(asset, FRAMES[-1], query, ADDRESSES[5])
+    for at in (*ADDRESSES[:5], *ADDRESSES[6:]):
+        asset.mesh.cache.discard("stretch", "tensor", FRAMES[-1].digest)
+        tile_of(asset, FRAMES[-1], query, at)
+        tile_of(asset, FRAMES[0], query, at)  # no tile of the frame is kept
+        assert tile_of(asset, FRAMES[-1], query, ADDRESSES[5]) == first
+        tile_of(asset, FRAMES[0], query, at)
     asset.release()
 
 

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings, BinSettings
-from rhytid.domain.tiles import TileAddress
 from rhytid.pipeline.bin_maker import BinTile
 from rhytid.pipeline.bins import (
     CODES,
@@ -40,6 +39,7 @@ from rhytid.pipeline.reach import SCALE_LIMIT, response_defines
 from rhytid.pipeline.smooth import SmoothFields
 from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR
+from rhytid.pipeline.work import Square
 
 # How merge.clh calls a merge. `signed` is `mellow` of one signed map in place of two.
 MERGES = {"min": "MIN", "soft": "SOFT", "signed": "MELLOW", "mellow": "MELLOW"}
@@ -65,12 +65,12 @@ class Coefficients(BufferGroup):
     """The factors that a frame multiplies codes by.
 
     own: factors of the codes of each layer in each triangle.  gains: factors of the grain, None
-    where there is no grain.  filled: tiles whose triangles have both; None: all.
+    where there is no grain.  filled: UDIMs and squares whose triangles have both; None: all.
     """
 
     own: Buffer
     gains: Buffer | None = None
-    filled: set[TileAddress | None] = field(default_factory=set, init=False)
+    filled: set[tuple[int, Square] | None] = field(default_factory=set, init=False)
 
     @property
     def _buffers(self) -> tuple[Buffer | None, ...]:

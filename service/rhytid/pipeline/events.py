@@ -39,11 +39,11 @@ _ROOM = 1.2
 class EventScales(BufferGroup):
     """(σ_w, σ_d) of each event of a UDIM in one frame, on the device.
 
-    filled: squares whose events have them; None: all.
+    filled: UDIMs and squares whose events have them; None: all.
     """
 
     values: Buffer
-    filled: set[Square | None] = field(default_factory=set, init=False)
+    filled: set[tuple[int, Square] | None] = field(default_factory=set, init=False)
 
     @classmethod
     def allocate(cls, device: Device, events: EventElements) -> EventScales:

@@ -44,12 +44,12 @@ class ScaleBuffers(BufferGroup):
     """(σ_w, σ_d) of each wrinkle and pore of a UDIM in one frame, on the device. Of a wrinkle that
     bends it is σ_w at both ends, then σ_d at both.
 
-    filled: squares whose elements have them; None: all.
+    filled: UDIMs and squares whose elements have them; None: all.
     """
 
     wrinkles: Buffer
     pores: Buffer
-    filled: set[Square | None] = field(default_factory=set, init=False)
+    filled: set[tuple[int, Square] | None] = field(default_factory=set, init=False)
 
     @classmethod
     def allocate(cls, device: Device, elements: UdimElements) -> ScaleBuffers:
@@ -68,13 +68,13 @@ class LineStretches(BufferGroup):
     fresh memory takes as long as what is written to it.
 
     ends: (K + 1, 2) float32 at both ends, then that of none, 0.
-    frame: digest of the frame that they are of; "" for none.  filled: squares whose wrinkles have
-    it; None: all.
+    frame: digest of the frame that they are of; "" for none.  filled: UDIMs and squares whose
+    wrinkles have it; None: all.
     """
 
     ends: Buffer
     frame: str = ""
-    filled: set[Square | None] = field(default_factory=set, init=False)
+    filled: set[tuple[int, Square] | None] = field(default_factory=set, init=False)
 
     @classmethod
     def allocate(cls, device: Device, elements: UdimElements) -> LineStretches:

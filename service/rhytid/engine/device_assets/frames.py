@@ -44,8 +44,9 @@ from rhytid.pipeline.smooth import SmoothFields, respond_smooth, smooth_wrinkle_
 from rhytid.pipeline.stretch import NearbyTriangles, StretchBuffers
 from rhytid.pipeline.work import Square
 
-P = TypeVar("P")
 G = TypeVar("G")
+# A UDIM, and a tile of it.
+Place = tuple[int, Square]
 # A square costs as much time, beside its own elements, as so many lines that answer to a frame:
 # measured with PoCL on two cores of an AMD EPYC. The bits do not depend on it.
 _SQUARE = 1 << 17
@@ -95,6 +96,7 @@ class DeviceFrames:
 
         def fill(near: NearbyTriangles | None) -> None:
             base.stretch.fill(found, positions, limit, soft, folds, near)
+            return None
 
         _fill(found.filled, alone, self._triangles, fill)
         return found
@@ -140,11 +142,14 @@ class DeviceFrames:
             return found
         square = self.alone(frame, ("scales", udim, model), udim, square)
 
-        def fill(near: NearbyGroups | None) -> None:
-            stretch = self.stretch(frame, model, square and (udim, square))
-            respond_nearby(device, elements, settings, found, stretch, near)
+        place = square and (udim, square)
 
-        _fill(found.filled, square, partial(self._nearby, udim), fill)
+        def fill(near: NearbyGroups | None) -> StretchBuffers:
+            stretch = self.stretch(frame, model, place)
+            respond_nearby(device, elements, settings, found, stretch, near)
+            return stretch
+
+        _fill(found.filled, place, self._nearby, fill)
         return found
 
     def line_stretches(
@@ -171,12 +176,14 @@ class DeviceFrames:
         def fill(near: NearbyGroups | None) -> None:
             responder = self._lines_alone(frame, query, udim, square)
             found.fill(device, elements, settings, responder, near)
+            return None  # only whole groups that are wanted are written
 
-        _fill(found.filled, square, partial(self._nearby, udim), fill)
+        _fill(found.filled, square and (udim, square), self._nearby, fill)
         return found.ends
 
-    def _nearby(self, udim: int, square: Square) -> NearbyGroups:
-        """The groups that a square needs."""
+    def _nearby(self, place: Place) -> NearbyGroups:
+        """The groups that a tile needs."""
+        udim, square = place
         make = partial(self._base.elements[udim].nearby.of, self._base.device, square)
         found: NearbyGroups = self._base.cache.keep("nearby", udim, *square, make=make)
         return found
@@ -233,22 +240,22 @@ class DeviceFrames:
         triangles they are wanted; None: of all."""
         base, blend = self._base, self._base.blend
         found: Coefficients = base.cache.keep_of(frame, "coefficients", model, make=blend.unfilled)
-        place, tile = alone or (None, None)
-        square = None
-        if place is not None:
-            udim = place.udim
-            square = self.alone(frame, ("coefficients", udim, model), udim, base.square(place))
-            place = place if square is not None else None
+        place: Place | None = None
+        if alone is not None:
+            at, tile = alone
+            what = ("coefficients", at.udim, model)
+            square = self.alone(frame, what, at.udim, base.square(at))
+            place = square and (at.udim, square)
 
-        def groups(at: TileAddress) -> Groups:
-            assert tile is not None
+        def groups(at: Place) -> Groups:
             make = partial(Groups.of_triangles, base.device, tile.triangles)
-            found: Groups = base.cache.keep("tile triangles", at, make=make)
+            found: Groups = base.cache.keep("tile triangles", *at, make=make)
             return found
 
-        def fill(wanted: Groups | None) -> None:
-            near = (place.udim, square) if place is not None and square is not None else None
-            blend.fill(found, self.stretch(frame, model, near), wanted)
+        def fill(wanted: Groups | None) -> StretchBuffers:
+            stretch = self.stretch(frame, model, place)
+            blend.fill(found, stretch, wanted)
+            return stretch
 
         _fill(found.filled, place, groups, fill)
         return found
@@ -260,9 +267,10 @@ class DeviceFrames:
             frame, "gains", model, make=partial(GrainGains.allocate, base.device, stretch)
         )
 
-        def fill(near: NearbyTriangles | None) -> None:
+        def fill(near: NearbyTriangles | None) -> StretchBuffers:
             groups = None if near is None else near.groups
             fill_gains(base.device, base.settings, stretch, found.values, groups)
+            return stretch
 
         _fill(found.filled, alone, self._triangles, fill)
         return found.values
@@ -284,22 +292,25 @@ class DeviceFrames:
 
 
 def _fill(
-    filled: set[P | None],
-    place: P | None,
-    groups_of: Callable[[P], G],
-    fill: Callable[[G | None], None],
+    filled: set[Place | None],
+    place: Place | None,
+    groups_of: Callable[[Place], G],
+    fill: Callable[[G | None], StretchBuffers | None],
 ) -> None:
     """Fill what a place needs of values of a frame, or all of them, unless it is there.
 
     filled: the places that have it; None: all.  groups_of: what a place needs.  fill: launches the
-    kernels for that.
+    kernels for that, and returns the stretch that the values follow from. Kernels write more than a
+    place needs: places whose stretch is not there any more lose what they had.
     """
     if not filled.isdisjoint((None, place)):
         return
-    wanted, known = None if place is None else groups_of(place), {*filled, place}
+    wanted, known = None if place is None else groups_of(place), set(filled)
     filled.clear()  # should only some of the kernels run
-    fill(wanted)
-    filled.update(known)
+    stretch = fill(wanted)
+    if stretch is not None and None not in stretch.filled:
+        known &= stretch.filled
+    filled.update(known, [place])
 
 
 def _shown(base: DeviceMesh, udim: int, tile: Square) -> Numbers:
@@ -393,11 +404,12 @@ class DeviceEvents:
         if sampling != "smooth":
             alone = frames.alone(frame, ("events", udim, model), udim, square)
 
-            def fill(near: Square | None) -> None:
-                stretch = frames.stretch(frame, model, near and (udim, near))
+            def fill(near: Place | None) -> StretchBuffers:
+                stretch = frames.stretch(frame, model, near)
                 fill_events(device, events, settings, stretch, found)
+                return stretch
 
-            _fill(found.filled, alone, lambda place: place, fill)
+            _fill(found.filled, alone and (udim, alone), lambda place: place, fill)
         return found.values
 
 
