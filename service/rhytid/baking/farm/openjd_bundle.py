@@ -39,7 +39,8 @@ TEMPLATE, VALUES, REFERENCES = (
 SNAPSHOT, FRAMES_LIST = "asset.rhytid.tar", "frames.txt"
 # Of the value of a parameter (OpenJD 2023-09, ParameterStringValue).
 _LONGEST = 1024
-# Seconds between SIGTERM and SIGKILL where a task is cancelled: rhytid ends within one.
+# Seconds between SIGTERM and SIGKILL where a task is cancelled: rhytid finishes the maps
+# that it is writing, and what SIGKILL cuts off is drawn again.
 _NOTICE = 10
 # Texels per side that an asset may have.
 _SIDES = [256 << power for power in range(7)]
