@@ -199,6 +199,33 @@ def unknown(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kind, "empty", poisoned)
 
 
+@pytest.fixture
+def compilations(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+    """The options of each program that is compiled."""
+    return _options_given(monkeypatch, "compile_program")
+
+
+@pytest.fixture
+def driver_builds(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+    """The options of each build by the driver; a program may take two."""
+    return _options_given(monkeypatch, "_built")
+
+
+def _options_given(monkeypatch: pytest.MonkeyPatch, function: str) -> list[list[str]]:
+    """The options of each call of a function of the driver, as it is called."""
+    from rhytid.device import driver
+
+    options: list[list[str]] = []
+    build = getattr(driver, function)
+
+    def noted(context: Any, text: str, given: list[str]) -> Any:
+        options.append(given)
+        return build(context, text, given)
+
+    monkeypatch.setattr(driver, function, noted)
+    return options
+
+
 @pytest.fixture(scope="session")
 def device() -> Device:
     """The OpenCL device that RHYTID_DEVICE names, else the best; where none computes, tests fail.

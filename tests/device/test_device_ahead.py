@@ -24,20 +24,6 @@ def fresh(device: Device) -> Device:
     return Device(device.info, None)
 
 
-@pytest.fixture
-def built(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
-    """The options of each program that is compiled."""
-    options: list[list[str]] = []
-    build = driver.compile_program
-
-    def counted(context: Any, text: str, given: list[str]) -> Any:
-        options.append(given)
-        return build(context, text, given)
-
-    monkeypatch.setattr(driver, "compile_program", counted)
-    return options
-
-
 def recalled(folder: Path, device: Device) -> Any:
     return json.loads((folder / "programs.json").read_text())[device.info.identity]
 
@@ -50,21 +36,21 @@ def halve(device: Device) -> None:
 
 
 def test_what_a_load_needed_is_built_at_the_next_start(
-    device: Device, fresh: Device, tmp_path: Path, built: list[list[str]]
+    device: Device, fresh: Device, tmp_path: Path, compilations: list[list[str]]
 ) -> None:
     first = ProgramsAhead(fresh, tmp_path)
     with first.noting():
         halve(fresh)
     first.close()
-    assert len(built) == 1
+    assert len(compilations) == 1
 
     again = Device(device.info, None)
     ahead = ProgramsAhead(again, tmp_path)
     ahead.begin()
     ahead._thread.join()
-    assert built[1:] == built[:1]
+    assert compilations[1:] == compilations[:1]
     halve(again)
-    assert len(built) == 2
+    assert len(compilations) == 2
     ahead.close()
 
 
@@ -95,7 +81,7 @@ def test_what_drew_after_a_load_is_built_too(fresh: Device, tmp_path: Path) -> N
 
 
 def test_what_drew_after_a_load_is_built_after_what_a_load_needs(
-    fresh: Device, tmp_path: Path, built: list[list[str]], monkeypatch: pytest.MonkeyPatch
+    fresh: Device, tmp_path: Path, compilations: list[list[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drew = [["level", {"UNUSED": 2}, "drew"], ["level", {"UNUSED": 3}, "drew"]]
     text = json.dumps({fresh.info.identity: [HALVE, *drew]})
@@ -104,14 +90,14 @@ def test_what_drew_after_a_load_is_built_after_what_a_load_needs(
     waits: list[tuple[float, int]] = []
 
     def wait(seconds: float) -> bool:
-        waits.append((seconds, len(built)))
+        waits.append((seconds, len(compilations)))
         return False
 
     monkeypatch.setattr(ahead._closed, "wait", wait)
     ahead.begin()
     ahead._thread.join()
     assert waits == [(module._LATER, 1)]
-    assert [given[1:] for given in built] == [["-DUNUSED=1"], ["-DUNUSED=2"], ["-DUNUSED=3"]]
+    assert [given[1:] for given in compilations] == [["-DUNUSED=1"], ["-DUNUSED=2"], ["-DUNUSED=3"]]
     ahead.close()
 
 
@@ -140,7 +126,7 @@ def test_programs_without_end_are_not_remembered(
 
 @pytest.mark.parametrize("known", ["{", "[]", '{"it": 3}', [["gone", {}], 3, ["level", []], HALVE]])
 def test_a_record_that_does_not_hold_is_passed_over(
-    fresh: Device, tmp_path: Path, built: list[list[str]], known: Any
+    fresh: Device, tmp_path: Path, compilations: list[list[str]], known: Any
 ) -> None:
     text = known if isinstance(known, str) else json.dumps({fresh.info.identity: known})
     (tmp_path / "programs.json").write_text(text, encoding="utf-8")
@@ -148,7 +134,7 @@ def test_a_record_that_does_not_hold_is_passed_over(
     ahead.begin()
     ahead._thread.join()
     ahead.close()
-    assert len(built) == (0 if isinstance(known, str) else 1)
+    assert len(compilations) == (0 if isinstance(known, str) else 1)
     fresh.programs.begin_noting()
     listed(fresh)
     ahead.note_drawn()

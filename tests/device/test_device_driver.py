@@ -20,43 +20,26 @@ from rhytid.device.runtime import Device
 from rhytid.errors import KernelBuildError
 
 
-def test_a_program_is_compiled_once_for_its_kernels_and_anew_for_other_defines(device, monkeypatch):
-    own, compile_program, options = Device(device.info, 1 << 20), driver.compile_program, []
-
-    def counted(context, text, given):
-        options.append(given[1:])
-        return compile_program(context, text, given)
-
-    monkeypatch.setattr(driver, "compile_program", counted)
+def test_a_program_is_compiled_once_for_its_kernels_and_anew_for_other_defines(
+    device, compilations
+):
+    own = Device(device.info, 1 << 20)
     for defines in ({}, {"OTHER": 1}, {}):
         for name in ("count_triangles", "list_triangles"):
             kernel = own.programs.kernel("vectors", name, defines)
             assert kernel.function_name == name
             assert own.programs.kernel("vectors", name, defines) is kernel
-    assert options == [[], ["-DOTHER=1"]]
+    assert [given[1:] for given in compilations] == [[], ["-DOTHER=1"]]
 
 
-@pytest.fixture
-def built(monkeypatch):
-    """The options of every build of the driver."""
-    options, build = [], driver._built
-
-    def noted(context, text, given):
-        options.append(given)
-        return build(context, text, given)
-
-    monkeypatch.setattr(driver, "_built", noted)
-    return options
-
-
-def test_pocl_reads_no_header_of_opencl(device, built):
+def test_pocl_reads_no_header_of_opencl(device, driver_builds):
     text = "kernel void root(global float *out) { out[0] = sqrt(out[0]); }"
     driver.compile_program(device.context, text, ["-DROOT"])
     own = [driver.HEADER_READ] if device.info.platform == driver.POCL else []
-    assert built == [["-DROOT", *own]]
+    assert driver_builds == [["-DROOT", *own]]
 
 
-def test_what_kernels_do_not_use_of_opencl_builds_as_well(device, built):
+def test_what_kernels_do_not_use_of_opencl_builds_as_well(device, driver_builds):
     text = "kernel void far(global float *out) { out[0] = hypot(out[0], 1.0f); }"
     assert (
         driver.compile_program(device.context, text, ["-DFAR"]).get_info(
@@ -64,7 +47,7 @@ def test_what_kernels_do_not_use_of_opencl_builds_as_well(device, built):
         )
         == "far"
     )
-    assert built[-1] == ["-DFAR"]
+    assert driver_builds[-1] == ["-DFAR"]
 
 
 def test_small_numbers_end_where_they_do_by_the_header(device):

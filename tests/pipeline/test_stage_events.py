@@ -16,7 +16,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.errors import GraphError
 from rhytid.pipeline.elements import check_cover, pore_arrays
 from rhytid.pipeline.event_elements import EventElements, event_arrays
-from rhytid.pipeline.events import add_events, respond_events
+from rhytid.pipeline.events import add_events, event_scales, fill_events
 from rhytid.pipeline.stretch import StretchStage
 
 SIZE = 256
@@ -53,9 +53,10 @@ class Scene:
 
     def drawn(self, square=(0, 0, SIZE), arrays=None):
         elements = EventElements(self.device, arrays or self.arrays())
-        scales = respond_events(self.device, elements, self.settings, self.stretch)
+        scales = event_scales(self.device, elements)
+        fill_events(self.device, elements, self.settings, self.stretch, scales)
         out = self.device.full(square[2] ** 2, np.float32(0.0))
-        add_events(self.device, elements, self.settings, scales, square, out)
+        add_events(self.device, elements, self.settings, scales.values, square, out)
         return self.device.read(out, (square[2], square[2]), np.float32)
 
     def expected(self, logs=None):

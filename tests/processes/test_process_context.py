@@ -104,7 +104,7 @@ def test_an_answer_that_cannot_be_sent_is_an_error() -> None:
     packed = Request(OPERATIONS["jobs.info"], ("a",)).packed
     near, far = Pipe()
     with near, far:
-        found = process._answered(Message(packed.body, packed.places), near)
+        found = process._answered(Message(packed.body, packed.places), near, None)
     answer: Answer = unpack(found.body, found.places, None)
     assert not answer.good
     assert isinstance(answer.value, RuntimeError)

@@ -100,9 +100,10 @@ inline void recall_near(near_t *near, int i, __global const int *ways, __global 
     near->count = found;
 }
 
-// In place of what `list_near` left in `ways`, for each point up to WAYS neighbours, nearest first, -1 where there are no more. Neighbours are
-// two points of which one is among the `neighbours` nearest of the other. Left out are those that lie
-// beside a nearer one, at a smaller angle than that of `cosine2`, the square of its cosine.
+// In place of what `list_near` left in `ways`, for each point up to WAYS neighbours, nearest first, -1
+// where there are no more. Neighbours are two points of which one is among the `neighbours` nearest of
+// the other. Left out are those that lie beside a nearer one, at a smaller angle than that of
+// `cosine2`, the square of its cosine.
 __kernel void find_neighbours(int first, int count, __global const int *place,
                         __global const float *normal, __global const float *factor, int cell,
                         uint mask, __global const int *head, __global const int *next, float scale,

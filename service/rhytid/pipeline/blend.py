@@ -39,7 +39,7 @@ from rhytid.pipeline.reach import SCALE_LIMIT, response_defines
 from rhytid.pipeline.smooth import SmoothFields
 from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR
-from rhytid.pipeline.work import Square
+from rhytid.pipeline.work import Place
 
 # How merge.clh calls a merge. `signed` is `mellow` of one signed map in place of two.
 MERGES = {"min": "MIN", "soft": "SOFT", "signed": "MELLOW", "mellow": "MELLOW"}
@@ -70,7 +70,7 @@ class Coefficients(BufferGroup):
 
     own: Buffer
     gains: Buffer | None = None
-    filled: set[tuple[int, Square] | None] = field(default_factory=set, init=False)
+    filled: set[Place | None] = field(default_factory=set, init=False)
 
     @property
     def _buffers(self) -> tuple[Buffer | None, ...]:

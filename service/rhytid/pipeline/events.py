@@ -7,17 +7,16 @@ and `binned`, whose maps do not hold them, has them as exactly as `redraw`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.buffer import Buffer, BufferGroup
+from rhytid.device.buffer import Buffer
 from rhytid.device.programs import NO_DEFINES
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.pipeline.event_elements import EventElements
 from rhytid.pipeline.locate import UdimTriangles
+from rhytid.pipeline.nearby import FrameValues
 from rhytid.pipeline.redraw import Responder, pore_responder, take_over
 from rhytid.pipeline.smooth import SmoothFields, smooth_pore_responder
 from rhytid.pipeline.stretch import StretchBuffers
@@ -35,41 +34,19 @@ _STRIP = 8
 _ROOM = 1.2
 
 
-@dataclass(frozen=True)
-class EventScales(BufferGroup):
-    """(σ_w, σ_d) of each event of a UDIM in one frame, on the device.
-
-    filled: UDIMs and squares whose events have them; None: all.
-    """
-
-    values: Buffer
-    filled: set[tuple[int, Square] | None] = field(default_factory=set, init=False)
-
-    @classmethod
-    def allocate(cls, device: Device, events: EventElements) -> EventScales:
-        """A buffer for the scales of `events`, not initialised."""
-        return cls(device.empty(2 * events.count, np.float32))
-
-    @property
-    def _buffers(self) -> tuple[Buffer, ...]:
-        return (self.values,)
-
-
-def respond_events(
-    device: Device, events: EventElements, settings: AssetSettings, stretch: StretchBuffers
-) -> Buffer:
-    """Alg. 2 for every event, with the share of the log stretch that its kind answers to: (σ_w,
-    σ_d) of each."""
-    scales = EventScales.allocate(device, events)
-    fill_events(device, events, settings, stretch, scales)
-    return scales.values
+def event_scales(device: Device, events: EventElements) -> FrameValues:
+    """Room for (σ_w, σ_d) of each event of a UDIM in one frame, not initialised."""
+    return FrameValues.allocate(device, 2 * events.count)
 
 
 def fill_events(
     device: Device, events: EventElements, settings: AssetSettings, stretch: StretchBuffers,
-    scales: EventScales,
+    scales: FrameValues,
 ) -> None:  # fmt: skip
-    """As `respond_events`, over what was there."""
+    """Alg. 2 for every event, with the share of the log stretch that its kind answers to.
+
+    scales: of `event_scales`.
+    """
     _respond(device, events, pore_responder(device, settings, stretch), scales)
 
 
@@ -79,9 +56,9 @@ def respond_events_smooth(
     located: UdimTriangles,
     settings: AssetSettings,
     fields: SmoothFields,
-) -> EventScales:
-    """As `respond_events`, each event at its own point."""
-    scales = EventScales.allocate(device, events)
+) -> FrameValues:
+    """As `fill_events`, each event at its own point."""
+    scales = event_scales(device, events)
     _respond(device, events, smooth_pore_responder(device, located, settings, fields), scales)
     return scales
 
@@ -105,7 +82,7 @@ def event_codes(
 
 
 def _respond(
-    device: Device, events: EventElements, responder: Responder, scales: EventScales
+    device: Device, events: EventElements, responder: Responder, scales: FrameValues
 ) -> None:
     found = scales.values
     responder(events.count, events.centres, events.triangle, events.stiffness, found)
@@ -123,7 +100,7 @@ def add_events(
     """Add the events of a frame to a square (row, column, texels per side) of level 0, all
     multiples of BLOCK.
 
-    scales: of the frame, as `respond_events` has them.  out: side² float32, mesh units; more may
+    scales: of the frame, as `fill_events` has them.  out: side² float32, mesh units; more may
     follow.
     """
     row, column, side = square

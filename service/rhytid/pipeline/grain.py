@@ -8,7 +8,7 @@ Its codes are made once per tile and kept; a frame only scales them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -39,7 +39,6 @@ from rhytid.pipeline.smooth import SmoothFields
 from rhytid.pipeline.stiffness import stiffness_of_texels
 from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR, VectorTriangles
-from rhytid.pipeline.work import Square
 
 # Of the noise to a wave, as grain_codes.cl has it.
 CELLS = 2.0
@@ -194,38 +193,11 @@ def grain_exponent(settings: AssetSettings) -> float:
     return settings.response.alpha_d / 2
 
 
-@dataclass(frozen=True)
-class GrainGains(BufferGroup):
-    """The gains of the grain of each triangle in a frame, on the device.
-
-    filled: UDIMs and squares whose triangles have them; None: all.
-    """
-
-    values: Buffer
-    filled: set[tuple[int, Square] | None] = field(default_factory=set, init=False)
-
-    @classmethod
-    def allocate(cls, device: Device, stretch: StretchBuffers) -> GrainGains:
-        """A buffer for the gains of the triangles of `stretch`, not initialised."""
-        return cls(device.empty(stretch.count, np.float32))
-
-    @property
-    def _buffers(self) -> tuple[Buffer, ...]:
-        return (self.values,)
-
-
-def grain_gains(device: Device, settings: AssetSettings, stretch: StretchBuffers) -> Buffer:
-    """float32 of each triangle: the factor of the grain of the neutral."""
-    gains = device.empty(stretch.count, np.float32)
-    fill_gains(device, settings, stretch, gains, None)
-    return gains
-
-
 def fill_gains(
     device: Device, settings: AssetSettings, stretch: StretchBuffers, gains: Buffer,
     wanted: Groups | None,
 ) -> None:  # fmt: skip
-    """Fill the gains of some triangles; None: of all."""
+    """Fill float32 gains: factors of the grain of the neutral, in some triangles; None: in all."""
     groups, exponent = wanted or Groups.of(stretch.count), np.float32(grain_exponent(settings))
     device.launch(
         "grain", "grain_gains", (groups.items,),

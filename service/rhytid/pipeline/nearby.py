@@ -7,7 +7,7 @@ of a graph that follow one another lie side by side.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,31 @@ from rhytid.device.launches import MOST_GROUP, whole_groups
 from rhytid.device.runtime import Device
 from rhytid.pipeline.cells import CellLists
 from rhytid.pipeline.vectors import VECTOR, VectorTriangles
-from rhytid.pipeline.work import BLOCK, Square
+from rhytid.pipeline.work import BLOCK, Place, Square
 
 Numbers = NDArray[np.int32]
 # Of the number of an element, that say which of its group it is: a shift takes half of a division.
 _BITS = VECTOR.bit_length() - 1
+
+
+@dataclass(frozen=True)
+class FrameValues(BufferGroup):
+    """Values of elements or triangles in one frame, float32 on the device.
+
+    filled: the places that have what they need; None: all.
+    """
+
+    values: Buffer
+    filled: set[Place | None] = field(default_factory=set, init=False)
+
+    @classmethod
+    def allocate(cls, device: Device, count: int) -> FrameValues:
+        """So many values, not initialised."""
+        return cls(device.empty(count, np.float32))
+
+    @property
+    def _buffers(self) -> tuple[Buffer, ...]:
+        return (self.values,)
 
 
 @dataclass(frozen=True)

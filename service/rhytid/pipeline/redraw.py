@@ -22,7 +22,7 @@ from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.nearby import Groups, NearbyGroups
 from rhytid.pipeline.reach import response_defines
 from rhytid.pipeline.stretch import StretchBuffers
-from rhytid.pipeline.work import BLOCK, Square
+from rhytid.pipeline.work import BLOCK, Place
 
 # The defines of kernels that find r of wrinkles, and no scales (RESPONSE of line_kinds.clh).
 R_ALONE = {"BENT": 1}
@@ -49,7 +49,7 @@ class ScaleBuffers(BufferGroup):
 
     wrinkles: Buffer
     pores: Buffer
-    filled: set[tuple[int, Square] | None] = field(default_factory=set, init=False)
+    filled: set[Place | None] = field(default_factory=set, init=False)
 
     @classmethod
     def allocate(cls, device: Device, elements: UdimElements) -> ScaleBuffers:
@@ -74,7 +74,7 @@ class LineStretches(BufferGroup):
 
     ends: Buffer
     frame: str = ""
-    filled: set[tuple[int, Square] | None] = field(default_factory=set, init=False)
+    filled: set[Place | None] = field(default_factory=set, init=False)
 
     @classmethod
     def allocate(cls, device: Device, elements: UdimElements) -> LineStretches:

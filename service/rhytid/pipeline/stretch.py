@@ -19,7 +19,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.folding import Folding, NearbyFolds
 from rhytid.pipeline.nearby import Groups, Numbers, Wanted, groups_of, united
 from rhytid.pipeline.uv_vertices import unit_jacobians
-from rhytid.pipeline.work import Square
+from rhytid.pipeline.work import Place
 
 # Of a work-item of stretch.cl.
 TRIANGLES = 8
@@ -45,7 +45,7 @@ class StretchBuffers(BufferGroup):
     tension: Buffer | None = None
     jacobians: Buffer | None = None
     taken: Buffer | None = None
-    filled: set[tuple[int, Square] | None] = field(default_factory=set, init=False)
+    filled: set[Place | None] = field(default_factory=set, init=False)
 
     @classmethod
     def allocate(

@@ -27,6 +27,8 @@ _ELEMENT, _BLANK = 32, 2048
 _CHUNK = 1 << 20
 # (row, column, texels per side) of a square of a level.
 Square = tuple[int, int, int]
+# A UDIM, and a square of its level 0.
+Place = tuple[int, Square]
 # Seconds of the densest block, which is drawn at once.
 _BLOCK_SECONDS = 0.1
 

@@ -130,7 +130,7 @@ class _Process:
                 send(line, Message(answer.body, answer.places))
                 del answer, message
 
-    def _answered(self, message: Message, line: Connection, room: Bytes | None = None) -> Packed:
+    def _answered(self, message: Message, line: Connection, room: Bytes | None) -> Packed:
         files = message.descriptors
         try:
             memory = private(files[0], message.shared) if message.shared else None

@@ -32,8 +32,8 @@ from rhytid.pipeline.grain import (
     Grain,
     GrainPlace,
     GrainPlanes,
+    fill_gains,
     grain_codes,
-    grain_gains,
     grain_place,
     relief,
     relief_shares,
@@ -353,7 +353,8 @@ class Grains:
             return
         side = self._settings.tile_size
         tiles = [(*at, side) for at in tiles_of_square(*square, side)]
-        gains = grain_gains(self._device, self._settings, stretch)
+        gains = self._device.empty(stretch.count, np.float32)
+        fill_gains(self._device, self._settings, stretch, gains, None)
         grain = Grain(self._device, self._settings, self._located, stretch, gains)
         for tile, codes in zip(tiles, self.codes(tiles) or (), strict=True):
             grain.add(out, square, self._place(tile), codes)

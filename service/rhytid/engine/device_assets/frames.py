@@ -18,10 +18,9 @@ from rhytid.engine.messages import FrameStretch, MapQuery
 from rhytid.pipeline.bin_maker import BinTile
 from rhytid.pipeline.blend import Coefficients
 from rhytid.pipeline.event_elements import EventElements
-from rhytid.pipeline.events import EventScales, add_events, fill_events, respond_events_smooth
+from rhytid.pipeline.events import add_events, event_scales, fill_events, respond_events_smooth
 from rhytid.pipeline.grain import (
     Grain,
-    GrainGains,
     GrainPlace,
     GrainPlanes,
     fill_gains,
@@ -31,7 +30,7 @@ from rhytid.pipeline.grain import (
     tiles_of_square,
 )
 from rhytid.pipeline.levels import Draw
-from rhytid.pipeline.nearby import Groups, NearbyGroups, Numbers, united
+from rhytid.pipeline.nearby import FrameValues, Groups, NearbyGroups, Numbers, united
 from rhytid.pipeline.redraw import (
     R_ALONE,
     LineStretches,
@@ -42,11 +41,9 @@ from rhytid.pipeline.redraw import (
 )
 from rhytid.pipeline.smooth import SmoothFields, respond_smooth, smooth_wrinkle_responder
 from rhytid.pipeline.stretch import NearbyTriangles, StretchBuffers
-from rhytid.pipeline.work import Square
+from rhytid.pipeline.work import Place, Square
 
 G = TypeVar("G")
-# A UDIM, and a tile of it.
-Place = tuple[int, Square]
 # A square costs as much time, beside its own elements, as so many lines that answer to a frame:
 # measured with PoCL on two cores of an AMD EPYC. The bits do not depend on it.
 _SQUARE = 1 << 17
@@ -77,12 +74,10 @@ class DeviceFrames:
             axes, ratios, self._base.stretch.read_taken(self.stretch(frame, "tensor"))
         )
 
-    def stretch(
-        self, frame: Frame, model: str, alone: tuple[int, Square] | None = None
-    ) -> StretchBuffers:
+    def stretch(self, frame: Frame, model: str, alone: Place | None = None) -> StretchBuffers:
         """Clamped log stretch, less what folds of the mesh take, and its axes, of each triangle.
 
-        alone: a UDIM and a tile of it, of whose triangles it is wanted; None: of all.
+        alone: a tile, of whose triangles it is wanted; None: of all.
         """
         base, response = self._base, self._base.settings.response
         limit, soft, folds = response.log_stretch_limit, response.soft_limits, response.folds
@@ -96,12 +91,11 @@ class DeviceFrames:
 
         def fill(near: NearbyTriangles | None) -> None:
             base.stretch.fill(found, positions, limit, soft, folds, near)
-            return None
 
         _fill(found.filled, alone, self._triangles, fill)
         return found
 
-    def _triangles(self, place: tuple[int, Square]) -> NearbyTriangles:
+    def _triangles(self, place: Place) -> NearbyTriangles:
         """The triangles whose stretch a tile needs, by any method."""
         base, (udim, square) = self._base, place
 
@@ -175,8 +169,8 @@ class DeviceFrames:
 
         def fill(near: NearbyGroups | None) -> None:
             responder = self._lines_alone(frame, query, udim, square)
+            # Nothing is written but whole groups that are wanted, so no place loses any.
             found.fill(device, elements, settings, responder, near)
-            return None  # only whole groups that are wanted are written
 
         _fill(found.filled, square and (udim, square), self._nearby, fill)
         return found.ends
@@ -260,14 +254,14 @@ class DeviceFrames:
         _fill(found.filled, place, groups, fill)
         return found
 
-    def gains(self, frame: Frame, model: str, alone: tuple[int, Square] | None) -> Buffer:
+    def gains(self, frame: Frame, model: str, alone: Place | None) -> Buffer:
         """Gains of the grain of each triangle.  alone: as of `stretch`."""
-        base, stretch = self._base, self.stretch(frame, model, alone)
-        found: GrainGains = base.cache.keep_of(
-            frame, "gains", model, make=partial(GrainGains.allocate, base.device, stretch)
-        )
+        base = self._base
+        make = partial(FrameValues.allocate, base.device, base.stretch.triangles + 1)
+        found: FrameValues = base.cache.keep_of(frame, "gains", model, make=make)
 
         def fill(near: NearbyTriangles | None) -> StretchBuffers:
+            stretch = self.stretch(frame, model, alone)
             groups = None if near is None else near.groups
             fill_gains(base.device, base.settings, stretch, found.values, groups)
             return stretch
@@ -392,13 +386,13 @@ class DeviceEvents:
         base, frames, model, sampling = self._base, self._frames, query.stretch, query.sampling
         device, settings = base.device, base.settings
 
-        def make() -> EventScales:
+        def make() -> FrameValues:
             if sampling == "smooth":
                 fields, located = frames.fields(frame, model), base.located[udim]
                 return respond_events_smooth(device, events, located, settings, fields)
-            return EventScales.allocate(device, events)
+            return event_scales(device, events)
 
-        found: EventScales = base.cache.keep_of(
+        found: FrameValues = base.cache.keep_of(
             frame, "event scales", udim, model, sampling, make=make
         )
         if sampling != "smooth":
