@@ -36,7 +36,15 @@ from rhytid.processes.packing import (
     shared_file,
     unpack,
 )
-from rhytid.processes.wire import Message, close_all, readable, receive, send
+from rhytid.processes.wire import (
+    Close,
+    Control,
+    Message,
+    close_all,
+    readable,
+    receive,
+    send,
+)
 from rhytid.storage.snapshots import OpenFile
 
 DRAW = OPERATIONS["tiles.draw"]
@@ -204,6 +212,45 @@ def answering(far: Connection, answer: Any) -> threading.Thread:
     thread = threading.Thread(target=answer_all)
     thread.start()
     return thread
+
+
+class Closing(Connection):
+    """Stays a while between its end in the system and the moment that Python knows of it."""
+
+    def __init__(self, descriptor: int) -> None:
+        super().__init__(descriptor)
+        self.ended, self.goes_on = threading.Event(), threading.Event()
+
+    def _close(self) -> None:
+        os.close(self.fileno())
+        self.ended.set()
+        assert self.goes_on.wait(10)
+
+
+def test_nothing_is_sent_on_a_connection_that_got_the_number_of_the_control() -> None:
+    (near, far), (mine, others) = Pipe(), Pipe()
+    line = Closing(os.dup(near.fileno()))
+    number, control = line.fileno(), Control(line)
+    closing = threading.Thread(target=control.close)
+    closing.start()
+    assert line.ended.wait(10)
+    os.dup2(others.fileno(), number)  # as the system does by itself, sooner or later
+
+    def send_late() -> None:
+        with pytest.raises(OSError, match="closed"):
+            control.send(Close())
+
+    sending = threading.Thread(target=send_late)
+    sending.start()
+    sending.join(0.3)  # time to do what it must not
+    line.goes_on.set()
+    for thread in (closing, sending):
+        thread.join(10)
+        assert not thread.is_alive()
+    assert not readable(mine, 0)
+    for end in (near, far, mine, others):
+        end.close()
+    os.close(number)
 
 
 def test_a_line_is_free_when_its_answer_is_forgotten() -> None:

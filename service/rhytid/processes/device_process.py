@@ -137,7 +137,7 @@ class DeviceProcess:
         if self._unanswered:
             reason = f"it did not answer within {STARTING:g} seconds of its start"
             ending = replace(ending, kind="killed", reason=reason)
-        self._control.line.close()
+        self._control.close()
         self.lines.close()
         return ending
 

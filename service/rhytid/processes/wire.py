@@ -145,3 +145,9 @@ class Control:
         None where it is gone."""
         found = receive(self.line)
         return None if found is None else (pickle.loads(found.body), found.descriptors)
+
+    def close(self) -> None:
+        """End it, between two messages: while a connection is closed it still has the number that
+        the system may give to the next one."""
+        with self._sending:
+            self.line.close()

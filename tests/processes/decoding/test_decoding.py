@@ -74,8 +74,9 @@ def read(
 
 @pytest.fixture
 def apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing is light."""
+    """Nothing is light, and somebody looks whether the client is there before anything comes."""
     monkeypatch.setattr(limits, "LIGHT", -1)
+    monkeypatch.setattr(decoding, "_LOOK", 0.0)
 
 
 SHAPES = np.stack([positions(), positions() * 1.1]).astype(np.float32)
