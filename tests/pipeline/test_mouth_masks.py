@@ -8,22 +8,30 @@ import pytest
 from rhytid.domain.mesh import Mesh
 from rhytid.pipeline import region_masks
 from rhytid.pipeline.diffusion import Diffusion
-from rhytid.pipeline.region_masks import RegionMasks, lip_share, mouth_share
+from rhytid.pipeline.region_masks import RegionMasks, full_share, lip_share, mouth_share
 
 LENGTH = 0.35
 # Half the height of both lips, and of the mouth around them, cm; half the width of the mouth.
 RED, AROUND, WIDE = 0.9, 2.4, 2.5
 
 
-def strip() -> Mesh:
-    """A flat square of 8 cm in the plane z = 0, whose lips meet at y = 0."""
+def strip(full: float = 0.0) -> Mesh:
+    """A square of 8 cm in the plane z = 0, whose lips meet at y = 0 and stand out so far, cm."""
     line = np.linspace(-4.0, 4.0, 81)
     x, y = np.meshgrid(line, line)
-    positions = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+    red = np.maximum(border(x), 1e-3)
+    across = np.clip(np.abs(y) / red, 0.0, 1.0)
+    z = full * (red / RED) * 4.0 * across * (1.0 - across)
+    positions = np.stack([x, y, z], axis=-1).reshape(-1, 3)
     i, j = np.meshgrid(np.arange(80), np.arange(80))
     a = (j * 81 + i).ravel()
     faces = np.concatenate([np.stack([a, a + 1, a + 82], 1), np.stack([a, a + 82, a + 81], 1)])
     return Mesh(positions.astype(np.float32), faces, positions[:, :2] / 10 + 0.5, faces)
+
+
+def border(x: np.ndarray) -> np.ndarray:
+    """Half the height of both lips, which end in corners."""
+    return RED * np.sqrt(np.clip(1.0 - (x / WIDE) ** 2, 0.0, 1.0))
 
 
 MESH = strip()
@@ -46,6 +54,11 @@ def roll(side: float) -> np.ndarray:
 def pucker() -> np.ndarray:
     """All around the mouth, flat on the red."""
     return np.clip(1.0 - 0.6 * np.maximum(np.abs(Y) - 0.7 * RED, 0), 0, 1)
+
+
+def pursed() -> np.ndarray:
+    """All around a mouth with corners: three quarters at the border."""
+    return np.clip(1.0 - 0.25 * ((X / WIDE) ** 6 + (Y / RED) ** 2), 0.0, 1.0)
 
 
 def masks(anatomy: str, names: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -76,6 +89,63 @@ def test_the_lip_ends_at_the_border_of_what_rolls_in() -> None:
         assert (lip[column][y > RED + 0.35] == 0.0).all(), x
         assert RED - 0.1 < y[lip[column] > 0.5].max() < RED + 0.3, x
     assert (lip[np.abs(X) > 3.3] == 0.0).all()
+
+
+def by_form(full: float) -> np.ndarray | None:
+    mesh = strip(full)
+    return full_share(mesh, Diffusion(mesh, LENGTH, np.arange(len(X))), pursed())
+
+
+@pytest.mark.parametrize("full", [0.2, 0.4])
+def test_full_lips_end_where_their_form_does(full: float) -> None:
+    lip = by_form(full)
+    assert lip is not None
+    for x in (0.0, 0.8, -1.5, 2.0):
+        y, share = np.abs(Y[np.abs(X - x) < 0.01]), lip[np.abs(X - x) < 0.01]
+        ends = border(np.array(x))
+        assert (share[y < ends - 0.3] > 0.95).all(), x
+        assert (share[y > ends + 0.1] == 0.0).all(), x
+        assert ends - 0.3 < y[share > 0.5].max() < ends + 0.05, x
+    assert (lip[np.abs(X) > WIDE + 0.2] == 0.0).all()
+
+
+def test_flat_lips_show_no_border() -> None:
+    assert by_form(0.0) is None
+    assert by_form(0.02) is None
+
+
+def test_fine_masks_follow_the_form_before_what_rolls_in() -> None:
+    mesh = strip(0.3)
+    found = RegionMasks(mesh)
+    no_folds = np.zeros((len(mesh.faces), 3), np.float32)
+    # It rolls half of the lip alone, and carries the other.
+    for name, motion in (("mouthPucker", pursed()), ("mouthRollUpper", roll(1.0) * (X > 0))):
+        positions = mesh.positions.copy()
+        positions[:, 2] -= motion.astype(np.float32)
+        found.add(name, positions, no_folds)
+    lip = found.masks(Diffusion(mesh, LENGTH, np.arange(len(X))))["lip"]
+    left = np.abs(X + 1.0) < 0.01
+    assert lip[left & (np.abs(Y) < 0.6 * border(-1.0))].min() > 0.9
+    assert lip[left & (np.abs(Y) > 1.2 * border(-1.0))].max() < 0.05
+
+
+def test_vertices_that_are_one_are_no_gap_in_a_border() -> None:
+    mesh = strip(0.3)
+    # Torn along x = 0.5, as an exporter does at a seam.
+    torn = np.flatnonzero(np.abs(X - 0.5) < 0.01)
+    twin = np.arange(len(X), len(X) + len(torn))
+    of = np.zeros(len(X), np.intp)
+    of[torn] = twin
+    right = X[mesh.faces].mean(axis=1) > 0.5
+    faces = np.where(right[:, None] & (of[mesh.faces] > 0), of[mesh.faces], mesh.faces)
+    uv = np.concatenate([mesh.uv, mesh.uv[torn]])
+    split = Mesh(np.concatenate([mesh.positions, mesh.positions[torn]]), faces, uv, faces)
+    one = np.concatenate([np.arange(len(X)), torn])
+    whole = full_share(mesh, Diffusion(mesh, LENGTH, np.arange(len(X))), pursed())
+    found = full_share(split, Diffusion(split, LENGTH, one), pursed()[one])
+    assert whole is not None
+    assert found is not None
+    np.testing.assert_allclose(found, whole[one], atol=1e-6)
 
 
 def test_vertices_are_taken_in_parts_of_any_size(monkeypatch: pytest.MonkeyPatch) -> None:

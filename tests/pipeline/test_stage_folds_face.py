@@ -141,11 +141,16 @@ def test_regions_come_by_themselves(device: Device, face: face_data.Face, anatom
 
 
 def test_lips_end_at_their_border(device: Device, face: face_data.Face) -> None:
-    """On the real face the red begins 2.5 cm below the nose's tip and ends 4.5 cm below."""
+    """On the real face the red begins 2.5 cm below the nose's tip and ends 4.5 cm below; it is
+    2.5 cm wide on either side, and as full near the corners below as above."""
     fine = by_expressions(device).regions["lip"]
-    outside = mesh().positions[:, 2] > 11.0  # not within the mouth
-    for x, above, below in ((0.0, -1.9, -5.1), (1.2, -1.7, -5.0)):
-        for y in (-2.9, -3.9):
+    for x, above, below, red, within in (
+        (0.0, -1.9, -5.1, (-2.9, -3.9), 11.0),
+        (1.2, -1.7, -5.0, (-2.9, -3.9), 11.0),
+        (1.8, -2.2, -4.7, (-3.2, -3.8), 10.5),
+    ):
+        outside = mesh().positions[:, 2] > within  # not within the mouth
+        for y in red:
             there = near(x, y, 0.25)
             assert fine[there[outside[there]]].mean() > 0.8, (x, y)
         for y in (above, below):

@@ -28,13 +28,13 @@ class Diffusion:
     Laplacian of cotangents; negative ones count as 0, so that nothing overshoots. Nothing crosses
     the rim, sums by area stay.
 
-    sigma: the length, mesh units.
+    sigma: the length, mesh units.  one (V,): equal numbers, 0 to C - 1, for vertices that are one.
     """
 
     def __init__(self, mesh: Mesh, sigma: float, one: NDArray[np.integer]) -> None:
         """sigma: standard deviation of the smoothing, mesh units.  one (V,): equal numbers for
         vertices that move as one, as those that an exporter has split at UV seams."""
-        self._mesh, self._one, self.sigma = mesh, one, sigma
+        self._mesh, self.one, self.sigma = mesh, one, sigma
         self._faces = one[mesh.faces]
         corners = mesh.positions.astype(np.float64)[mesh.faces]
         self._normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -48,7 +48,7 @@ class Diffusion:
 
     def narrower(self, share: float) -> Diffusion:
         """The same surface, ready to smooth by a share of the length."""
-        return Diffusion(self._mesh, share * self.sigma, self._one)
+        return Diffusion(self._mesh, share * self.sigma, self.one)
 
     def of_triangles(self, values: NDArray[Any]) -> FloatArray:
         """(V, K) smoothed values at vertices, from values (F, K) of triangles, averaged by area."""
@@ -58,8 +58,8 @@ class Diffusion:
 
     def of_vertices(self, values: NDArray[Any]) -> FloatArray:
         """(V, K) smoothed values, from values (V, K); vertices that are one take their mean."""
-        count = np.bincount(self._one, minlength=self._count)
-        sums = [np.bincount(self._one, weights=v, minlength=self._count) for v in values.T]
+        count = np.bincount(self.one, minlength=self._count)
+        sums = [np.bincount(self.one, weights=v, minlength=self._count) for v in values.T]
         return self._spread(np.stack(sums, axis=-1) / np.maximum(count, 1)[:, None])
 
     @property
@@ -68,13 +68,35 @@ class Diffusion:
         corners = np.repeat(self._normals, 3, axis=0)
         sums = np.stack([self._summed(column) for column in corners.T], axis=-1)
         sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)
-        found: FloatArray = sums[self._one]
+        found: FloatArray = sums[self.one]
+        return found
+
+    @property
+    def edges(self) -> NDArray[np.integer]:
+        """(3F, 2) the sides of the triangles, by the numbers of `one`."""
+        return np.concatenate([self._faces[:, (k, (k + 1) % 3)] for k in range(3)])
+
+    def as_one(self, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(C,) by the numbers of `one`: whether some vertex of each is chosen (V,)."""
+        found = np.zeros(self._count, np.bool_)
+        found[self.one[chosen]] = True
+        return found
+
+    def bent(self, share: float) -> FloatArray:
+        """(V,) the sum of both curvatures of the surface, in one over a mesh unit, smoothed by a
+        share of the length; above 0 where it is bent outwards as a ball is."""
+        narrow = self.narrower(share)
+        places = self._mesh.positions.astype(np.float64)
+        places -= places.mean(axis=0)
+        sunk = (places - narrow.of_vertices(places)) * self.normals
+        # u' = Δu: a surface sinks by its curvature times the time.
+        found: FloatArray = sunk.sum(axis=1) / (0.5 * narrow.sigma**2)
         return found
 
     def _spread(self, values: FloatArray) -> FloatArray:
         for _ in range(STEPS):
             values = _solved(self._matrix, self._mass[:, None] * values, values)
-        found: FloatArray = values[self._one]
+        found: FloatArray = values[self.one]
         return found
 
     def _summed(self, corners: FloatArray) -> FloatArray:

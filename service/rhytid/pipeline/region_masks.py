@@ -1,8 +1,9 @@
 """Soft masks of regions of the skin, from the places that expressions of known names move and fold.
 
 No expression moves the nose or the neck alone: the nose lies between what a sneer moves, the neck
-below what an open jaw carries away. The form of the face shows where. The red of the lips ends
-where it rolls in; the mouth around it is what a pucker carries along."""
+below what an open jaw carries away. The form of the face shows where. The red of the lips is full,
+and ends where its form is not any more; on a face without such lips it ends where it rolls in. The
+mouth around it is what a pucker carries along."""
 
 from __future__ import annotations
 
@@ -52,8 +53,9 @@ _BESIDE = ("nose", "neck")
 # mouth has what its neighbours leave.
 _LEFT = "cheek"
 _AROUND = ("lip", "nose", "neck")
-# How far the border of the lips is smoothed, of what other masks are.
-_BORDER = 0.17
+# How far the border of the lips is smoothed, of what other masks are: by motion, and by form, where
+# it lies between two vertices.
+_BORDER, _BORDER_OF_FORM = 0.17, 0.42
 # What rolls in turns about the border of a lip: within this distance, in the length that smooths
 # regions, the border moves about three quarters of what moves most.
 _NEAR = 1.7
@@ -65,6 +67,15 @@ _LEAST_ROLL = 0.35
 _LIP = (0.50, 0.68)
 # Without rolls: of the motion in a pucker.
 _PUCKERED = (0.72, 0.9)
+# What is full is bent outwards, both ways together, at so much in one over the length that smooths
+# regions: where the lip begins and is whole; of the form that is as smooth as a share of that
+# length leaves it.
+_FULL, _FORM = (0.2, 0.66), 0.3
+# Of the motion in a pucker: where a lip can begin and can be whole, and from where on there is no
+# other skin, at the slit and its corners, which are not full.
+_PURSED, _SLIT = (0.5, 0.66), 0.86
+# The form tells the border where so much of it at least is full.
+_TOLD = 0.5
 # Of the motion in a pucker and of an open jaw: where the mouth and the chin begin and are whole.
 _MOUTH, _CARRIED_CHIN = (0.22, 0.5), (0.72, 0.86)
 # Vertices at a time whose neighbours are held: of a dense mesh each has thousands.
@@ -123,8 +134,10 @@ class RegionMasks:
         jaw = self._moved.get("neck")
         jaw = None if jaw is None else _share(np.linalg.norm(jaw, axis=1))
         places = self._mesh.positions.astype(np.float64)
-        lip = lip_share(places, self._rolls, pucker, surface.sigma)
-        soft = surface.narrower(_BORDER).of_vertices(lip[:, None])[:, 0]
+        lip, border = full_share(self._mesh, surface, pucker), _BORDER_OF_FORM
+        if lip is None:
+            lip, border = lip_share(places, self._rolls, pucker, surface.sigma), _BORDER
+        soft = surface.narrower(border).of_vertices(lip[:, None])[:, 0]
         found["lip"] = np.clip(soft, 0.0, 1.0)
         around = surface.of_vertices(mouth_share(pucker, jaw)[:, None])[:, 0]
         found["mouth"] = np.clip(around, 0.0, 1.0)
@@ -223,6 +236,26 @@ def lip_share(
     return ramp(rolled * pucker, *_LIP)
 
 
+def full_share(mesh: Mesh, surface: Diffusion, pucker: FloatArray) -> FloatArray | None:
+    """(V,) how far vertices are red of a lip, 0 to 1, by the form of both lips: what is full, and
+    what that encloses. None where the form does not show the border.
+
+    pucker: (V,) how far a pucker moves vertices, as a share of its most.
+    """
+    near = ramp(pucker, *_PURSED)
+    full = near * ramp(surface.bent(_FORM) * surface.sigma, *_FULL)
+    edges = surface.edges
+    lips = _largest(surface.as_one((full >= 0.5) | (pucker >= _SLIT)), edges)
+    skin = _largest(~lips, edges)
+    told = (lips & _touched(skin, edges))[surface.one]
+    if not told.any() or np.mean(full[told] >= 0.5) < _TOLD:
+        return None
+    within = _largest(~skin, edges)
+    border = np.where(_touched(within, edges)[surface.one], full, 0.0)
+    share: FloatArray = np.maximum(border, within[surface.one])
+    return share
+
+
 def mouth_share(pucker: FloatArray, jaw: FloatArray | None) -> FloatArray:
     """(V,) how far vertices are around the mouth or of the chin, 0 to 1; lips among them.
 
@@ -250,6 +283,23 @@ def _of_most_near(places: FloatArray, motion: FloatArray, reach: float) -> Float
         near = tree.query_ball_point(places[moved[rows]], reach)
         most[rows] = [motion[moved[beside]].max() for beside in near]
     found[moved] = motion[moved] / np.maximum(most, least)
+    return found
+
+
+def _largest(chosen: NDArray[np.bool_], edges: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """(C,) the largest connected part of what is chosen (C,)."""
+    kept, count = edges[chosen[edges].all(axis=1)], len(chosen)
+    graph = scipy.sparse.coo_matrix((np.ones(len(kept)), kept.T), shape=(count, count))
+    part = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    sizes = np.bincount(part[chosen], minlength=1)
+    found: NDArray[np.bool_] = chosen & (part == sizes.argmax())
+    return found
+
+
+def _touched(chosen: NDArray[np.bool_], edges: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """(C,) what is chosen (C,) and what an edge joins to it."""
+    found: NDArray[np.bool_] = chosen.copy()
+    found[edges[chosen[edges].any(axis=1)]] = True
     return found
 
 
