@@ -14,24 +14,38 @@ from rhytid.synthesis.edges import DEFINES, Edges
 from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.seams.charts import BORDER, neighbours, trace
 from rhytid.synthesis.surface import Points, Surface
-from rhytid.synthesis.trails import Paths
+from rhytid.synthesis.trails import BEYOND, TOGETHER, Paths
 from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets
 
 SPOKES = np.array([0.0, 0.4, 1.2, 1.5, 2.8, 4.0])
 
 
-def star(work: Workspace) -> Paths:
+# As many ways out as the device reads at a time, and more.
+MANY = np.linspace(0.1, 6.0, 11)
+
+
+def star(work: Workspace, spokes: NDArray[np.float64] = SPOKES) -> Paths:
     """Edges from pore 0 outwards, of lengths that grow."""
-    length = 1.0 + 0.2 * np.arange(len(SPOKES))
-    rim = np.stack([np.cos(SPOKES), np.sin(SPOKES), 0 * SPOKES], axis=-1) * length[:, None]
+    length = 1.0 + 0.2 * np.arange(len(spokes))
+    rim = np.stack([np.cos(spokes), np.sin(spokes), 0 * spokes], axis=-1) * length[:, None]
     position = np.concatenate([np.zeros((1, 3)), rim])
+    nodes = np.stack([np.zeros(len(spokes)), np.arange(1, len(position))], axis=-1)
+    return joined(work, position, nodes.astype(np.int32), length)
+
+
+def joined(
+    work: Workspace,
+    position: NDArray[np.float64],
+    nodes: NDArray[np.int32],
+    length: NDArray[np.float64],
+) -> Paths:
+    """Edges `nodes` (E, 2) of a length (E,) between pores (N, 3) on the plane z = 0."""
     count = len(position)
-    nodes = np.stack([np.zeros(count - 1), np.arange(1, count)], axis=-1).astype(np.int32)
     points = Points(np.zeros(count, int), position[:, :2], position, np.eye(3)[[2] * count])
-    edges = Edges(nodes, length.astype(np.float32), np.zeros(count - 1, np.int32))
+    edges = Edges(nodes, length.astype(np.float32), np.zeros(len(nodes), np.int32))
     along, left = (np.tile(axis.astype(np.float32), (count, 1)) for axis in np.eye(3)[:2])
-    lattice = Lattice.absolute(1.0, *np.array([[-3.0] * 3, [3.0] * 3]))
+    lattice = Lattice.absolute(1.0, *np.array([[-4.0] * 3, [4.0] * 3]))
     as_usual = np.ones(count, np.float32)
     return Paths.of(work, points, edges, along, left, as_usual, lattice, 1.5)
 
@@ -40,29 +54,65 @@ def two_floats(x: float, y: float) -> Any:
     return np.array((x, y), [("x", np.float32), ("y", np.float32)])[()]
 
 
-def test_walkers_choose_in_proportion_to_appeal_and_straightness(device: Device) -> None:
-    appeal, heading, count = np.linspace(0.5, 2.0, len(SPOKES)), 0.6, 70_000
-    with Workspace(device) as work:
-        paths = star(work)
-        ways = paths.ways
-        # Ways back to the middle have no appeal, so all deposits are steps from there.
-        given = np.concatenate([appeal, np.zeros(len(SPOKES))]).astype(np.float32)
-        deposit = work.full(len(SPOKES), np.int32(0))
-        work.run(
-            "trails", "walk", count, count // paths.pores, count / paths.pores, np.uint32(1),
-            np.uint32(7), 1, 3, two_floats(np.cos(heading), np.sin(heading)), paths.key,
-            ways.offsets, ways.pairs, ways.others,
-            paths.direction, paths.anisotropy, work.upload(given), deposit, defines=DEFINES,
-        )  # fmt: skip
-        found = work.read(deposit, (len(SPOKES),), np.int32)
+def walked(
+    work: Workspace, paths: Paths, count: int, steps: int, heading: float, appeal: NDArray[Any]
+) -> NDArray[np.int32]:
+    """(E,) deposits of `count` walkers, as many from each pore, either way along `heading`, 3 at
+    each of their steps.  appeal (2E,): of the ways out."""
+    ways, rest = paths.ways, np.zeros(BEYOND)
+    given = work.upload(np.concatenate([appeal, rest]).astype(np.float32))
+    deposit = work.full(paths.edges, np.int32(0))
+    work.run(
+        "trails", "walk", -(-count // TOGETHER), count, count // paths.pores,
+        count / paths.pores, np.uint32(1), np.uint32(7), steps, 3,
+        two_floats(np.cos(heading), np.sin(heading)), paths.key, ways.offsets, ways.pairs,
+        ways.others, paths.direction, paths.arrival, paths.anisotropy, given, deposit,
+        defines=DEFINES,
+    )  # fmt: skip
+    found: NDArray[np.int32] = work.read(deposit, (paths.edges,), np.int32)
     assert (found % 3 == 0).all()
-    # One in seven starts in the middle, half of them each way.
-    wanted = np.zeros(len(SPOKES))
+    return found // 3
+
+
+@pytest.mark.parametrize("spokes", [SPOKES, MANY], ids=["few", "many"])
+def test_walkers_choose_in_proportion_to_appeal_and_straightness(
+    device: Device, spokes: NDArray[np.float64]
+) -> None:
+    appeal, heading, pores = np.linspace(0.5, 2.0, len(spokes)), 0.6, len(spokes) + 1
+    each = 10_001  # from each pore: all together are no whole number of work-items
+    with Workspace(device) as work:
+        # Ways back to the middle have no appeal, so all deposits are steps from there.
+        given = np.concatenate([appeal, np.zeros(len(spokes))])
+        found = walked(work, star(work, spokes), each * pores, 1, heading, given)
+    # Half of those that start in the middle go each way.
+    wanted = np.zeros(len(spokes))
     for turned in (0.0, np.pi):
-        chance = np.maximum(np.cos(SPOKES - heading - turned), 0.0) ** 4 * appeal
-        wanted += 0.5 * count / paths.pores * chance / chance.sum()
-    assert found.sum() == 3 * count // paths.pores
-    assert found / 3 == pytest.approx(wanted, abs=4 * np.sqrt(count / 7 / 4))
+        chance = np.maximum(np.cos(spokes - heading - turned), 0.0) ** 4 * appeal
+        wanted += 0.5 * each * chance / chance.sum()
+    assert found.sum() == each
+    assert found == pytest.approx(wanted, abs=4 * np.sqrt(each / 4))
+
+
+def test_walkers_go_straight_on(device: Device) -> None:
+    # From pore 0 east to pore 1, and from there straight on or 0.7 to the left; all else is shut.
+    turn, each = 0.7, 10_000
+    ends = np.array([[0.0, 0], [1, 0], [2, 0], [1 + np.cos(turn), np.sin(turn)]])
+    position = np.column_stack([ends, np.zeros(4)])
+    nodes = np.array([[0, 1], [1, 2], [1, 3]], np.int32)
+    with Workspace(device) as work:
+        paths = joined(work, position, nodes, np.ones(3))
+        ways = paths.ways
+        starts = work.read(ways.offsets, (5,), np.int32)
+        others = work.read(ways.others, (6,), np.int32)
+        pore = np.repeat(np.arange(4), np.diff(starts))
+        appeal = ((pore == 0) | ((pore == 1) & (others > 1))).astype(np.float64)
+        one, two = (walked(work, paths, 4 * each, steps, 0.0, appeal) for steps in (1, 2))
+    # Of those that start at pore 0 half go east; those that start at pore 1 take one step at most.
+    second, chance = two - one, np.cos([0.0, turn]) ** 4
+    assert second[0] == 0
+    assert second[1:].sum() == one[0] == pytest.approx(each / 2, abs=4 * np.sqrt(each / 4))
+    wanted = one[0] * chance / chance.sum()
+    assert second[1:] == pytest.approx(wanted, abs=4 * np.sqrt(each / 8))
 
 
 def test_appeal_and_pull_are_the_formulas(device: Device) -> None:

@@ -30,6 +30,8 @@ SHY = 1.5
 ASKEW = 0.02
 # Of all steps those that walkers take: some walks end at a border.
 _TAKEN = 0.98
+# Walkers that a work-item leads, as in trails.cl; and entries beyond the ways out that it may read.
+TOGETHER, BEYOND = 4, 16
 
 
 @dataclass(frozen=True)
@@ -111,16 +113,17 @@ class Paths:
     """Ways out of N pores along E edges, on the device.
 
     ways: lists of edges by pore.  direction (2E, 2) int16: cosine and sine of each way out against
-    the preferred direction of the pore, times 32767.  length (E,) float32.
-    typical: length of edges on even skin.  anisotropy (N,) float32: how far walkers keep to those
-    directions.  place (N, 3) int32: of the pores, in steps of `unit`.  key (N,) uint32: a word of
-    each pore from its place in the map.
+    the preferred direction of the pore, times 32767.  arrival (2E, 2) int16: that of the way back.
+    length (E,) float32.  typical: length of edges on even skin.  anisotropy (N,) float32: how far
+    walkers keep to those directions.  place (N, 3) int32: of the pores, in steps of `unit`.
+    key (N,) uint32: a word of each pore from its place in the map.
     """
 
     pores: int
     edges: int
     ways: Incidence
     direction: Buffer
+    arrival: Buffer
     length: Buffer
     typical: float
     anisotropy: Buffer
@@ -150,14 +153,19 @@ class Paths:
         work.release(nodes)
         place = work.upload(lattice.places(pores.position))
         frame = work.upload(along), work.upload(left)
-        direction = work.empty(2 * ways.entries, np.int16)
+        direction = work.full(ways.entries + BEYOND, np.int32(0))
+        arrival = work.empty(2 * ways.entries, np.int16)
         work.run(
             "trails", "lay_directions", len(pores), ways.offsets, ways.others, place, *frame,
             direction, defines=DEFINES,
         )  # fmt: skip
+        work.run(
+            "trails", "lay_arrivals", len(pores), ways.offsets, ways.others, direction, arrival,
+            defines=DEFINES,
+        )  # fmt: skip
         work.release(*frame)
         return cls(
-            len(pores), len(edges), ways, direction, work.upload(edges.length),
+            len(pores), len(edges), ways, direction, arrival, work.upload(edges.length),
             length, work.upload(anisotropy), place, lattice.unit,
             work.upload(place_keys(pores.uv)),
         )  # fmt: skip
@@ -197,7 +205,7 @@ class _Trails:
         strength = work.full(paths.edges, np.float32(0.0))
         deposit = work.full(paths.edges, np.int32(0))
         pull = work.empty(paths.edges, np.float32)
-        appeal = work.empty(paths.ways.entries, np.float32)
+        appeal = work.full(paths.ways.entries + BEYOND, np.float32(0.0))
         deposits = walks.walkers * walks.steps * sum(f.share * f.deposit for f in FAMILIES)
         gain = (1.0 - walks.keep) * degree / (_TAKEN * deposits)
         still = work.empty(1, np.float32)
@@ -230,11 +238,12 @@ class _Trails:
         )  # fmt: skip
         walkers = self.walks.walkers * family.share
         most = int(np.ceil(walkers))
+        every = most * paths.pores
         self._run(
-            "walk", most * paths.pores, most, walkers, np.uint32(turn), self.seed,
+            "walk", -(-every // TOGETHER), every, most, walkers, np.uint32(turn), self.seed,
             self.walks.steps, family.deposit, along, paths.key, ways.offsets, ways.pairs,
-            ways.others, paths.direction, paths.anisotropy, self.appeal, self.deposit,
-            report=lambda share: progress(share, "trails"),
+            ways.others, paths.direction, paths.arrival, paths.anisotropy, self.appeal,
+            self.deposit, report=lambda share: progress(share, "trails"),
         )  # fmt: skip
 
     def _run(self, kernel: str, count: int, *arguments: Any, **named: Any) -> None:
