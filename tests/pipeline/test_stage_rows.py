@@ -77,11 +77,12 @@ def test_maps_drawn_at_once_are_those_drawn_alone(device, monkeypatch, merge, bu
         monkeypatch.setattr(Device, "maps_at_once", lambda *_: most)
         tile = BinnedScene(device, sheet(), OF_ALL_KINDS, settings).tile
         cushion = [tile.cushion.read(device, index, 8) for index in range(SAMPLES + 1)]
-        return [*stored_maps(device, tile, settings.bins), *cushion]
+        owners = tile.cushion.read_owners(device)
+        return [*stored_maps(device, tile, settings.bins), *cushion, owners]
 
     alone = maps(1)
     assert min(np.count_nonzero(codes) for codes in alone) > 50
-    for most in (3, 99):  # seven maps at once: 3, 3 and 1; all
+    for most in (3, 5, 99):  # seven maps: 3, 3 and 1; 2 with owners and 5; all with owners
         for found, wanted in zip(maps(most), alone, strict=True):
             np.testing.assert_array_equal(found, wanted)
 

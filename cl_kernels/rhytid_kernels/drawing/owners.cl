@@ -1,15 +1,8 @@
-// Which line each sample of the broad layer answers to stretch by, its owner: of the lines around it the
-// one whose weight times (1 - t²)^4 is largest, the first of equals; and where along it that is. The
-// profile is narrower than that of the layer, (1 - t²)²: skin that is pressed together, where the layer
-// is deepest, has narrower lines.
+// Owners of the samples of the broad layer, see scores.clh, where arcs.clh draws no sixteen lines at once.
 #include "codes.clh"
 #include "coarse.clh"
 #include "shared_sizes.clh"
 #include "vectors.clh"
-
-// What a sample without an owner has; below it a line has none: there the layer is flat within 4e-4 of
-// `depth`.
-#define LEAST_SCORE 1e-6f
 
 // Scores and owners of the samples of a block, as sums_t has its sums.
 #ifdef WIDE
@@ -28,8 +21,7 @@
 
 inline void compete(__local float *scores, __local int *owners, near_t near, int line)
 {
-    REALS inside = 1.0f - min(near.t2, (REALS)(1.0f)), square = inside * inside;
-    REALS score = near.there * square * square, best = (REALS)LOADED(scores);
+    REALS score = scores_of(near), best = (REALS)LOADED(scores);
     WHOLES better = score > best;
     STORED(select(best, score, better), scores);
     STORED(select((WHOLES)LOADED(owners), (WHOLES)(line), better), owners);

@@ -48,6 +48,8 @@ CUSHIONS, OWNERS, PLACES = "cushions", "cushion_owners", "cushion_places"
 SAMPLES = 7
 # The programs of the kernels.
 _PROGRAMS = {"cushion": "cushion", "cushion_maps": "cushion_maps", "cushion_owners": "owners"}
+# Sums of as many maps take the owners of samples, where they are drawn with the maps.
+_OWNER_SUMS = 3
 # Lines of full depth that may overlap at a sample before its code saturates.
 _MEETING = 8
 
@@ -226,20 +228,29 @@ class CushionMaker:
         codes = self._device.empty((SAMPLES + 1) * side**2, f"i{bits // 8}")
         shape = self._device.shape
         at_once = self._device.maps_at_once(sums_of_map(_BLOCK, _rows_of_part(shape.rows)))
-        for first in range(0, SAMPLES, at_once):
+        most = at_once - _OWNER_SUMS if shape.lanes == 1 and self._elements.bent else 0
+        if most > 0:
+            self._draw_maps(square, range(min(most, SAMPLES)), codes, owners)
+        else:
+            self._draw_owners(square, owners, codes)
+        for first in range(max(most, 0), SAMPLES, at_once):
             self._draw_maps(square, range(first, min(first + at_once, SAMPLES)), codes)
-        self._draw_owners(square, owners, codes)
         return CushionTile(side, owners, codes)
 
-    def _draw_maps(self, square: Square, samples: range, codes: Buffer) -> None:
-        """All lines at some of the samples."""
-        elements, response = self._elements, self._settings.response
-        stretches = elements.stretches(
-            self._device, response, [self._stretch(index) for index in samples], self._narrow
-        )
-        defines = {**self._defines, "STRETCHES": len(samples)}
-        map = map_argument(samples.start, SAMPLES + 1)
-        self._in_pieces("cushion_maps", square, stretches, (map, codes), defines, len(samples))
+    def _draw_maps(
+        self, square: Square, samples: range, codes: Buffer, owners: Buffer | None = None
+    ) -> None:
+        """All lines at some of the samples; owners with them, where lines are sixteen at once."""
+        defines: dict[str, object] = {**self._defines, "STRETCHES": len(samples)}
+        drawn = [self._stretch(index) for index in samples]
+        into: tuple[Any, ...] = (map_argument(samples.start, SAMPLES + 1), codes)
+        if owners is not None:
+            defines["OWNING"] = 1
+            drawn.append(DrawnStretch(self._owning_stretch, 1.0, 1.0, 1.0))
+            into = (np.int32(self._elements.wrinkles), owners, self._places, *into)
+        response = self._settings.response
+        stretches = self._elements.stretches(self._device, response, drawn, self._narrow)
+        self._in_pieces("cushion_maps", square, stretches, into, defines, len(drawn))
         stretches[-1].release()
 
     def _stretch(self, index: int) -> DrawnStretch:
@@ -249,12 +260,23 @@ class CushionMaker:
         return DrawnStretch(r, scale(response, r, response.alpha_w), depth, per_step)
 
     def _draw_owners(self, square: Square, owners: Buffer, codes: Buffer) -> None:
-        """Owners and places, by the weights that shares make at the second sample."""
-        r = float(cushion_samples(self._settings)[1])
-        shares = self._elements.share_arguments(self._settings.response, r, self._narrow)
-        into = (owners, map_argument(SAMPLES, SAMPLES + 1), codes)
-        given = (*shares, np.int32(self._elements.wrinkles))
+        """Owners and places alone."""
+        elements, response = self._elements, self._settings.response
+        shares = elements.share_arguments(response, self._owning_stretch, self._narrow)
+        into = (owners, self._places, codes)
+        given = (*shares, np.int32(elements.wrinkles))
         self._in_pieces("cushion_owners", square, given, into, self._defines, 1)
+
+    @property
+    def _owning_stretch(self) -> float:
+        """The log stretch by whose weights lines own samples, where they have shares: that of the
+        second sample."""
+        return float(cushion_samples(self._settings)[1])
+
+    @property
+    def _places(self) -> NDArray[np.int32]:
+        """Which map has places along owners."""
+        return map_argument(SAMPLES, SAMPLES + 1)
 
     @property
     def _narrow(self) -> float:
