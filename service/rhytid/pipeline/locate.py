@@ -17,6 +17,8 @@ from rhytid.pipeline.vectors import VECTOR
 
 _MOST_CELLS = 256
 _TEXELS_A_CELL = 16
+# Rows that a work-item of locate_texels.cl looks up, HIGH there.
+_ROWS = 8
 # Points that one launch looks up: others get the device between two.
 _MOST_POINTS = 1 << 17
 
@@ -62,7 +64,8 @@ class UdimTriangles:
         # Room for a whole vector, so that the smallest levels can be blended like the others.
         found = self._device.full(max(count * count, VECTOR), self.none)
         self._device.launch(
-            "locate_texels", "locate_texels", (-(-count // VECTOR), count), *self._arguments(),
+            "locate_texels", "locate_texels", (-(-count // VECTOR), -(-count // _ROWS)),
+            *self._arguments(),
             np.int32(side), np.int32(row), np.int32(column), np.int32(count), found,
         )  # fmt: skip
         return found
