@@ -12,11 +12,12 @@
 #include "grain.clh"
 #endif
 
-// Linear between two neighbouring samples. Only these are read.
-inline float16 between(__global const CODE *maps, float4 coefficient)
+// Linear between two neighbouring samples. Only these are read. coefficients: four, of weights.cl, read
+// one by one, so that each is loaded into all lanes at once.
+inline float16 between(__global const CODE *maps, __global const float *coefficients)
 {
-    maps += (int)coefficient.z * WIDTH;
-    return FLOATS_OF(maps) * coefficient.x + FLOATS_OF(maps + WIDTH) * coefficient.y;
+    maps += CODES_BEFORE(coefficients[2]);
+    return FLOATS_OF(maps) * coefficients[0] + FLOATS_OF(maps + WIDTH) * coefficients[1];
 }
 
 // Algorithm 3, lines 11 to 14, as if every texel lay in one triangle, in units of the merge.
@@ -25,15 +26,17 @@ inline float16 between(__global const CODE *maps, float4 coefficient)
 inline float16 blend_triangle(__global const CODE *maps, __global const float4 *coefficients)
 {
     merge_state_t merged = NOTHING_MERGED;
-    for (int n = 0; n < LAYERS; n++)
+    for (int n = 0; n < LAYERS; n++) {
+        __global const float *own = (__global const float *)(coefficients + n);
         for (int part = 0; part < PARTS; part++) {
-            float16 d = between(maps + LAYER_AT(n, part), coefficients[n]);
+            float16 d = between(maps + LAYER_AT(n, part), own);
 #if TILT
             if (n < LAYERS - 1)
-                d += d * (FLOATS_OF(maps + TILT_AT(n)) * coefficients[n].w);
+                d += d * (FLOATS_OF(maps + TILT_AT(n)) * own[3]);
 #endif
             merged = accumulate(merged, d);
         }
+    }
     return height_of(merged);
 }
 
@@ -68,9 +71,9 @@ inline void blend_vector(__global const int *firsts, __global const int2 *member
     d += brought_up16(coarse, width, i * WIDTH);
 #endif
 #ifdef GRAINY
-    d = grained(d, convert_float16(vload16(i, grain)), gain, amplitude, depth);
+    d = grained(d, convert_float16(vload16(0, grain + i * WIDTH)), gain, amplitude, depth);
 #endif
-    vstore16(d, i, out);
+    vstore16(d, 0, out + i * WIDTH);
 }
 
 // Up to four tiles of as many texels at once, as blend_vector has it: work-item (vector, tile).

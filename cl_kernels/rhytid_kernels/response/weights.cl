@@ -3,6 +3,7 @@
 #include "groups.clh"
 #include "response.clh"
 #include "samples.clh"
+#include "vectors.clh"
 
 POWER_OF_TWO(power16, float16, int16)
 
@@ -106,7 +107,8 @@ __kernel void sample_weights(__global const int *groups, __global const float4 *
 }
 
 // From weights to what blend.cl multiplies by, in place: of the first and of the second of the two
-// samples around the position, in units of the merge for a code; the first of them; the rise.
+// samples around the position, in units of the merge for a code; where the first of them is, which
+// CODES_BEFORE takes; the rise.
 // steps: displacement of a code, LAYERS x MOST_SAMPLES. unit: of the merge, mesh units. groups, count: as
 // of sample_weights.
 __kernel void coefficients(__global const int *groups, __global const float *steps, float unit,
@@ -119,8 +121,9 @@ __kernel void coefficients(__global const int *groups, __global const float *ste
             int sample = min((int)w.x, SAMPLES_OF(n) - 2);
             float share = w.x - sample, scale = w.y / unit;
             __global const float *step = steps + n * MOST_SAMPLES + sample;
-            weights[t * LAYERS + n] = (float4)(scale * (1.0f - share) * step[0],
-                                               scale * share * step[1], sample, w.z);
+            weights[t * LAYERS + n] =
+                (float4)(scale * (1.0f - share) * step[0], scale * share * step[1],
+                         PLACE_OF(sample * WIDTH), w.z);
         }
 }
 
