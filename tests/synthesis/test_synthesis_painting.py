@@ -142,7 +142,7 @@ def test_regions_mix_by_their_masks(wide: Surface) -> None:
         (fields.spacing, spacing),
         (fields.width, spacing * mixed("scale")),
         (fields.pore_radius, spacing * mixed("pore_radius")),
-        (fields.anisotropy, mixed("anisotropy")),
+        (fields.anisotropy, np.minimum(mixed("anisotropy"), 2.0)),
         (fields.bend, mixed("bend")),
         (fields.strength, strength),
         (fields.pore_strength, strength * mixed("pore_strength")),
