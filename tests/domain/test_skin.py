@@ -14,6 +14,7 @@ from rhytid.domain.skin import (
     REGIONS,
     USUAL_AGE,
     YOUNGEST,
+    Old,
     Region,
     aged,
     depth_factor,
@@ -115,6 +116,20 @@ def even(region: Region) -> Region:
     return replace(region, undulation=1.0, folded=1.0)
 
 
+def test_lines_alone_are_what_young_skin_lacks_more_of() -> None:
+    skin = Region(strength=2.0, old=Old(strength=1.3, pore_strength=1.1, young=0.5))
+    plain = replace(skin, old=replace(skin.old, young=1.0))
+    for age, share in ((YOUNGEST, 1.0), (27.5, 0.5), (USUAL_AGE, 0.0), (65.0, 0.0)):
+        found, usual = aged(skin, age), aged(plain, age)
+        assert found.strength == pytest.approx(0.5**share * usual.strength), age
+        # Of pores `strength` is a factor, too.
+        pores = usual.strength * usual.pore_strength
+        assert found.strength * found.pore_strength == pytest.approx(pores), age
+        assert replace(found, strength=0, pore_strength=0, old=plain.old) == replace(
+            usual, strength=0, pore_strength=0
+        )
+
+
 def test_coarse_regions_are_these() -> None:
     """Skin without a mouth of its own is grown from these figures, whatever the others become."""
     names = ("density", "strength", "pore_strength", "anisotropy", "scale", "pore_radius", "grain")
@@ -133,6 +148,7 @@ def test_coarse_regions_are_these() -> None:
         assert tuple(getattr(found[name], n) for n in names) == figures, name
     assert all(even(region) == region for region in found.values())
     old = {n: r.old for n, r in REGIONS.items()}
+    old["face"] = Old()
     old["neck"] = replace(old["neck"], pore_strength=1.0)
     old["mouth"] = replace(old["mouth"], strength=1.6, pore_strength=1.3)
     old["forehead"] = replace(old["forehead"], undulation=1.0)
