@@ -116,16 +116,18 @@ def test_walkers_go_straight_on(device: Device) -> None:
 
 
 def test_appeal_and_pull_are_the_formulas(device: Device) -> None:
-    strength = np.linspace(0.0, 9.0, len(SPOKES)).astype(np.float32)
-    starts = np.array([0, 1, 2, 4, 5, 6, 6], np.int32)
-    crossing = np.array([1, 0, 3, 4, 2, 2], np.int32)
+    count = len(MANY)  # no whole number of work-items
+    strength = np.linspace(0.0, 9.0, count).astype(np.float32)
+    strength[count - 2] = 0.0
+    starts = np.array([0, 1, 2, 4, 5, 6, 6, 6, 7, 7, 8, 9], np.int32)
+    crossing = np.array([1, 0, 3, 4, 2, 2, 10, 8, 7], np.int32)
     with Workspace(device) as work:
-        paths = star(work)
-        pull, appeal = (work.empty(2 * len(SPOKES), np.float32) for _ in range(2))
+        paths = star(work, MANY)
+        pull, appeal = work.full(count + 8, np.float32(-1.0)), work.empty(2 * count, np.float32)
         still = work.empty(1, np.float32)
         work.run("trails", "pull_of_unworn", 1, 0.25, 1.2, still, defines=DEFINES)
         work.run(
-            "trails", "pull_of_edges", len(SPOKES), 0.25, 1.2, 8.0, 1.5, still,
+            "trails", "pull_of_edges", -(-count // 8), count, 0.25, 1.2, 8.0, 1.5, still,
             work.upload(strength), work.upload(starts), work.upload(crossing), pull,
             defines=DEFINES,
         )  # fmt: skip
@@ -134,13 +136,15 @@ def test_appeal_and_pull_are_the_formulas(device: Device) -> None:
             paths.ways.pairs, paths.length, pull, paths.anisotropy, 1.5, two_floats(0.0, 1.0),
             0.02, appeal, defines=DEFINES,
         )  # fmt: skip
-        pulls = work.read(pull, (len(SPOKES),), np.float32)
-        appeals = work.read(appeal, (len(SPOKES),), np.float32)
+        pulls = work.read(pull, (count + 8,), np.float32)
+        appeals = work.read(appeal, (count,), np.float32)
+    assert (pulls[count:] == -1.0).all()
+    pulls = pulls[:count]
     across = [strength[crossing[a:b]].sum() for a, b in pairwise(starts)]
     worn = strength / (1 + strength / 8.0)
     assert pulls == pytest.approx((0.25 + worn) ** 1.2 / (1 + 1.5 * np.array(across)), rel=1e-5)
-    length = 1.0 + 0.2 * np.arange(len(SPOKES))
-    liking = np.abs(np.sin(SPOKES)) ** 2.5 + 0.02
+    length = 1.0 + 0.2 * np.arange(count)
+    liking = np.abs(np.sin(MANY)) ** 2.5 + 0.02
     assert appeals == pytest.approx(liking * (1.5 / length) ** 1.5 * pulls, rel=2e-3)
 
 

@@ -216,9 +216,9 @@ class _Trails:
     def round(self, number: int, progress: Progress) -> None:
         """All families walk, and their deposits are worn in."""
         self._run(
-            "pull_of_edges", self.paths.edges, UNWORN, self.walks.draw, WORN, SHY, self.still,
-            self.strength, self.crossings.offsets, self.crossings.others, self.pull,
-            report=lambda _: progress(0.0, "trails"),
+            "pull_of_edges", -(-self.paths.edges // 8), self.paths.edges, UNWORN, self.walks.draw,
+            WORN, SHY, self.still, self.strength, self.crossings.offsets, self.crossings.others,
+            self.pull, report=lambda _: progress(0.0, "trails"),
         )  # fmt: skip
         for index, family in enumerate(FAMILIES):
             share = part(progress, index / len(FAMILIES), (index + 1) / len(FAMILIES))
