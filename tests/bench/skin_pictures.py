@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,6 +58,13 @@ EVENTS = (
     Place(None, (0.6, 0.4, 12.2), 1.4),
 )
 FOLDS = (Place("brows_up", (-2.6, 6.3, 9.9), 2.0, 480),)
+# Where slopes are taken with folds and without.
+SLOPES = (
+    *FOLDS,
+    Place("brows_up", (2.6, 6.3, 9.9), 2.0, 480),
+    Place("big_smile", (5.6, 2.4, 6.8), 2.0, 480),
+    Place("big_smile", (3.4, -4.3, 9.0), 2.0, 480),
+)
 Grown = tuple[Synthesis, AssetSettings]
 
 
@@ -81,24 +89,33 @@ class Pictures:
     def drawn(self, skin: Grown, place: Place) -> tuple[SurfacePatch, NDArray[np.float32]]:
         """What is seen of a place, and (R, R) displacement under it, mesh units."""
         made, settings = skin
-        face, posed = self._face, self._posed(place.expression)
+        face, posed = self._face, self.posed(self.weights(place.expression))
         frame = NEUTRAL_FRAME if place.expression is None else Frame.of(posed)
-        patch = self._patch(posed, place)
+        patch = self.patch(posed, place)
         with resident(face.device, self._mesh, made.graph, settings) as asset:
             return patch, drawn_under(asset, face.udim, [patch], lambda *_: None, frame)
+
+    def slope(self, skin: Grown, place: Place) -> float:
+        """Root mean square slope of the relief of a place, degrees."""
+        patch, heights = self.drawn(skin, place)
+        slopes = np.linalg.norm(patch.gradient(heights), axis=-1)[patch.seen.covered]
+        return float(np.sqrt((np.degrees(np.arctan(slopes)) ** 2).mean()))
+
+    def weights(self, name: str | None) -> NDArray[np.float64]:
+        """(E,) of an expression; zeros at rest."""
+        weights: Mapping[str, float] = {} if name is None else self._weights[name]
+        return np.array([weights.get(n, 0.0) for n in self._shapes.names])
+
+    def posed(self, weights: NDArray[np.float64]) -> NDArray[np.float32]:
+        """(V, 3) positions, cm, of weights (E,)."""
+        return self._shapes.positions(weights.astype(np.float32))
 
     def row(self, skin: Grown, places: tuple[Place, ...], light: float) -> list[Image.Image]:
         """Pictures of places under a light so many degrees above the skin."""
         found = (self.drawn(skin, place) for place in places)
         return [Image.fromarray(patch.picture(heights, light)) for patch, heights in found]
 
-    def _posed(self, name: str | None) -> NDArray[np.float32]:
-        weights: Mapping[str, float] = {} if name is None else self._weights[name]
-        return self._shapes.positions(
-            np.array([weights.get(n, 0.0) for n in self._shapes.names], np.float32)
-        )
-
-    def _patch(self, posed: NDArray[np.float32], place: Place) -> SurfacePatch:
+    def patch(self, posed: NDArray[np.float32], place: Place) -> SurfacePatch:
         """Around the triangle that is nearest to a place at rest, faced as the centimetre around
         it."""
         rest = self._mesh.positions[self._mesh.faces].astype(np.float64).mean(axis=1)
@@ -133,9 +150,14 @@ def events(pictures: Pictures) -> Image.Image:
 
 
 def folds(pictures: Pictures) -> Image.Image:
-    """`response.folds` 0 and 1 from the left, light at 45° and at 15° from above."""
+    """`response.folds` 0 and 1 from the left, light at 45° and at 15° from above. Prints slopes."""
     made, settings = pictures.grown()
     skins = [(made, settings.changed({"response": {"folds": share}})) for share in (0.0, 1.0)]
+    for place in SLOPES:
+        without, with_folds = (pictures.slope(skin, place) for skin in skins)
+        sys.stdout.write(
+            f"{place.expression} {place.at}: {without:.1f}, {with_folds:.1f} degrees\n"
+        )
     return page([[pictures.row(skin, FOLDS, light)[0] for skin in skins] for light in (45.0, 15.0)])
 
 

@@ -16,7 +16,7 @@ from rhytid.pipeline.folding import Folding, FoldRule
 from rhytid.pipeline.stretch import StretchStage
 
 LIMIT = 0.5
-LENGTH_MM = 45.0
+LENGTH_MM = 100.0
 
 
 class Folded:
@@ -177,10 +177,21 @@ def test_a_folded_strip(device, height, ratio):
     c = -np.log(np.hypot(edge, height) / 2.8)
     b = LENGTH_MM * c * height / edge**2
     variances = 0.75 * b**2 * (1 - (5 / 9) ** 2), b**2
-    low, high = (0.9 * t**2 / (1 + t**2) for t in np.maximum(np.array(variances) - 0.35, 0))
+    low, high = (0.9 * (1 - (1 + t) ** -0.25) for t in np.maximum(np.array(variances) - 0.5, 0))
     found = Folded(device, mesh, folded, unit="mm").taken[inner(mesh)]
     assert found.min() >= low > 0.01
     assert found.max() <= 1.05 * high
+
+
+def test_what_is_left_grows_all_the_way_into_a_fold(device):
+    """Lines that went deep and faded again on the way to an expression would flash."""
+    left = []
+    for way in np.linspace(0.05, 1, 16):
+        mesh, folded = strip(0.5 * way, 1 - 0.35 * way)
+        found = Folded(device, mesh, folded, unit="mm")
+        left.append(-found.logs[:-1].min(axis=1)[inner(mesh)].mean())
+    assert found.taken[inner(mesh)].mean() > 0.4
+    assert left[-1] > 0.98 * max(left)
 
 
 def test_a_bulge_is_no_fold(device):
@@ -227,7 +238,7 @@ def test_a_finer_mesh_has_the_same_folds(device):
         mesh, folded = strip(0.0, 0.65, 24 * finer, 10 * finer, 2.8 / finer)
         folded[:, 2] = 0.3 * np.cos(2 * np.pi * mesh.positions[:, 0] / 11.2)
         share.append(np.median(Folded(device, mesh, folded, unit="mm").taken[inner(mesh)]))
-    assert share[0] > 0.5
+    assert share[0] > 0.4
     assert abs(share[1] / share[0] - 1) < 0.1
 
 

@@ -14,6 +14,7 @@ from rhytid.pipeline.stretch import StretchStage
 pytestmark = [pytest.mark.face, pytest.mark.slow]
 LIMIT = 0.5
 # Places in cm, x to the left and y up, and their radius.
+NASOLABIAL = (3.2, -2.7, 0.5)
 FOREHEAD, GLABELLA, CHEEK, EYE = (2.0, 8.0, 1.0), (0.0, 5.4, 0.7), (4.6, -1.0, 1.0), (5.4, 3.0, 0.6)
 
 
@@ -23,22 +24,28 @@ def mesh(face):
 
 
 @pytest.fixture(scope="module")
-def taken(device, mesh):
-    """The share of compression that folds take around a place, in a frame."""
+def measured(device, mesh):
+    """The compression around a place in a frame, and the share of it that folds take."""
     stage = StretchStage(device, mesh, "cm")
     middle = (mesh.positions[mesh.faces].astype(float) + mesh.centre).mean(axis=1)
 
-    def share(positions, place):
+    def of(positions, place):
         found = stage.run(positions, LIMIT, folds=1.0)
         pressed = np.maximum(-log_stretch(stage.read(found)[0], LIMIT), 0).sum(axis=1)
         shares = stage.read_taken(found)
         found.release()
         near = np.hypot(middle[:, 0] - place[0], middle[:, 1] - place[1]) < place[2]
         near &= middle[:, 2] > 5.0
-        return float(np.average(shares[near], weights=pressed[near] + 1e-9))
+        share = np.average(shares[near], weights=pressed[near] + 1e-9)
+        return float(pressed[near].mean()), float(share)
 
-    yield share
+    yield of
     stage.release()
+
+
+@pytest.fixture(scope="module")
+def taken(measured):
+    return lambda positions, place: measured(positions, place)[1]
 
 
 def test_raised_brows_fold_the_forehead(taken, face):
@@ -59,6 +66,19 @@ def test_a_raise_has_no_jump(taken, face):
         taken((down + k * (up - down)).astype(np.float32), FOREHEAD) for k in np.linspace(0, 1, 31)
     ]
     assert max(abs(b - a) for a, b in pairwise(shares)) < 0.08
+
+
+@pytest.mark.parametrize(
+    ("name", "place"), [("brows_up", FOREHEAD), ("smile", NASOLABIAL), ("big_smile", EYE)]
+)
+def test_lines_do_not_flash_on_the_way(measured, face, name, place):
+    """What is left to them hardly falls while an expression goes on."""
+    rest, end = face.positions, face.composite(name)
+    left = []
+    for way in np.linspace(0, 1, 31):
+        pressed, share = measured((rest + way * (end - rest)).astype(np.float32), place)
+        left.append(pressed * (1 - share))
+    assert left[-1] > 0.85 * max(left)
 
 
 def test_a_capture_moves_no_more_than_without_folds(device, mesh, face):

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from reference.inputs import Array
 
-MOST, LEAST, MOST_BEND = 0.9, 0.35, 20.0
+MOST, LEAST, MOST_BEND = 0.9, 0.5, 45.0
 
 
 def taken(
@@ -21,8 +21,8 @@ def taken(
     """(F,) the share of its compression that folds take of each triangle.
 
     b = ℓ Σ cᵢ (κ'ᵢ − κᵢ) over the singular values of the map from neutral to deformed edges, c
-    their log compression, at most 1; t what of the variance of b around each vertex is above 0.35;
-    the share is the mean of 0.9 t² / (1 + t²) over the corners. Vertices at one place in the
+    their log compression, at most 1; t what of the variance of b around each vertex is above 0.5;
+    the share is the mean of 0.9 (1 - (1 + t)^(-1/4)) over the corners. Vertices at one place in the
     neutral are one.
     """
     neutral, frame = np.asarray(positions, float), np.asarray(deformed, float)
@@ -40,7 +40,7 @@ def taken(
             b[t] = _bend(neutral[face], frame[face], before[at], after[at], length)
     first, second = mean.places(b, rounds), mean.places(b**2, rounds)
     variance = np.maximum(second - first**2 - LEAST, 0.0)
-    share = MOST * variance**2 / (1 + variance**2)
+    share = MOST * (1 - (1 + variance) ** -0.25)
     found: Array = share[corners].mean(axis=1)
     return found
 

@@ -149,12 +149,12 @@ __kernel void bends(__global const int *wanted, __global const float *positions,
     moments[t] = (float2)(b, b * b);
 }
 
-// The share of a compression that folds take: m t^2 / (1 + t^2), t what of the variance of b is above
-// `least`.
+// The share of a compression that folds take: m (1 - (1 + t)^(-1/4)), t what of the variance of b is
+// above `least`.
 inline float share_of(float2 moments, float most, float least)
 {
-    float variance = fmax(moments.y - moments.x * moments.x - least, 0.0f), square = variance * variance;
-    return most * (square < 1e30f ? square / (1.0f + square) : 1.0f);
+    float variance = fmax(moments.y - moments.x * moments.x - least, 0.0f);
+    return most * (1.0f - 1.0f / sqrt(sqrt(1.0f + variance)));
 }
 
 // taken: of each triangle, the mean of its places, and 0 for points in none, of which nothing is taken

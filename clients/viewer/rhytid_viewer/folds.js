@@ -50,8 +50,8 @@ export class Folds {
     const shares = new Float64Array(this._places);
     for (let w = 0; w < this._places; w++) {
       const mean = moments[2 * w];
-      const variance = Math.min(Math.max(moments[2 * w + 1] - mean * mean - least, 0), 1e9);
-      shares[w] = (most * variance * variance) / (1 + variance * variance);
+      const variance = Math.max(moments[2 * w + 1] - mean * mean - least, 0);
+      shares[w] = most * (1 - Math.pow(1 + variance, -0.25));
     }
     for (let t = 0; t < this._triangles; t++)
       out[REST * t + 6] =

@@ -14,17 +14,18 @@ little for weak bends and most of it for steep folds, and its numbers are by eye
 
 The rule. Of each triangle b = ℓ Σ cᵢ (κ'ᵢ − κᵢ) over both axes of stretch: c the log compression, 0
 where it is stretched, κ' and κ the curvatures along the axis in the frame and in the neutral, ℓ =
-45 mm. T is the variance of b over about a fold around each vertex: a mean of b is another form of
-the face, as a cheek that bulges, and no fold. Of T what is above 0.35, t, is a fold: they take the
-share 0.9 t² / (1 + t²) of each compression, and leave stretch as it is.
+100 mm. T is the variance of b over about a fold around each vertex: a mean of b is another form of
+the face, as a cheek that bulges, and no fold. Of T what is above 0.5, t, is a fold: they take the
+share 0.9 (1 − (1 + t)^(−1/4)) of each compression, and leave stretch as it is.
 
-So lines keep a tenth at least. As brows go up, b grows with the square of the raise: folds take
-nothing up to half of it, and near its end more than compression grows by, so that lines fade while
-the folds deepen. What moves rigidly has no folds. The share is continuous in the
-frame and over the surface; it hangs on space alone, not on UV, and on what is near. Curvature is
-that of the normals of the vertices (Rusinkiewicz 2004), which see a third of that of a fold three
-edges long. Finer meshes are smoothed to see no more, as far as `_MOST_ROUNDS` reaches: to edges of
-1.4 mm.
+So lines keep a tenth at least. The power is a quarter because of what moves: c and κ' − κ both grow
+with an expression, so that T grows with its fourth power, and what is left of c grows with it all
+the way, ever more slowly. A share that grows faster has lines that go deep and fade again on the
+way to an expression, which is a flash in motion, though no still shows it. What moves rigidly has
+no folds. The share is continuous in the frame and over the surface; it hangs on space alone, not on
+UV, and on what is near. Curvature is that of the normals of the vertices (Rusinkiewicz 2004), which
+see a third of that of a fold three edges long. Finer meshes are smoothed to see no more, as far as
+`_MOST_ROUNDS` reaches: to edges of 1.4 mm.
 """
 
 from __future__ import annotations
@@ -44,14 +45,14 @@ from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.nearby import Numbers, Wanted, listed, united
 from rhytid.pipeline.uv_vertices import triangles_around
 
-# ℓ: where b deviates by 1 from its mean, folds take half of what they can.
-_LENGTH_MM = 45.0
+# ℓ: where the variance of b is 15 above what is no fold, folds take half of what they can.
+_LENGTH_MM = 100.0
 # A millimetre where the unit is not known: its share of the root of the area, on a face.
 _MILLIMETRE_OF_ROOT = 0.0034
 # Of a compression: what folds take of it; and of T, the variance of b, what is no fold.
-_MOST, _LEAST = 0.9, 0.35
+_MOST, _LEAST = 0.9, 0.5
 # Of ℓ (κ' − κ): rims of lips and lids are bent without measure.
-_MOST_BEND = 20.0
+_MOST_BEND = 45.0
 # Median edge of the real face on which the numbers were found, and its rounds of smoothing.
 _EDGE_MM, _ROUNDS, _MOST_ROUNDS = 2.8, 2, 8
 

@@ -22,8 +22,8 @@ from rhytid.exports.skin_package.runtime import folds, stretch
 NUMBERS = {
     "length": 5.6,
     "most": 0.9,
-    "least": 0.35,
-    "most_bend": 20.0,
+    "least": 0.5,
+    "most_bend": 45.0,
     "rounds": 3,
     "normal_rounds": 1,
 }

@@ -133,7 +133,7 @@ class Folds(_Part):
     """What folds of the mesh take of log compression: the numbers of folds.py and folds.js."""
 
     length: float = Field(
-        description="mesh units; folds where the variance of b is `least` + 1 take half of `most`"
+        description="mesh units; folds where the variance of b is `least` + 15 take half of `most`"
     )
     most: float = Field(description="the largest share, times response.folds")
     least: float = Field(description="of the variance of b, what is no fold")

@@ -57,8 +57,7 @@ class Folds:
         b = (pressed * np.clip(self._numbers["length"] * bent, -most, most)).sum(1) * self._usable
         mean, of_squares = self._smoothed(np.stack([b, b * b], 1), self._numbers["rounds"]).T
         variance = of_squares - mean * mean - self._numbers["least"]
-        variance = np.clip(variance, 0, 1e9)
-        share = self._numbers["most"] * variance**2 / (1 + variance**2)
+        share = self._numbers["most"] * (1 - (1 + np.maximum(variance, 0)) ** -0.25)
         found: NDArray[np.float32] = share[self._corners].mean(axis=1).astype(np.float32)
         return found
 
