@@ -327,14 +327,16 @@ def test_a_package_takes_the_memory_that_it_says(
     levels: int | None, written: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(package, "BESIDE", 1 << 20)  # few sets occur here
-    maps = SkinMaps.of(written.engine, written.asset)
-    writer = PackageWriter(maps, written.mesh, written.shapes, tmp_path, levels)
-    tracemalloc.start()
-    for step in writer.steps():
-        step()
-    most = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert most < writer.host_bytes < 2 * most
+    maps, peaks = SkinMaps.of(written.engine, written.asset), []
+    for name in ("one", "two", "three"):  # threads of other tests can only add to it
+        (tmp_path / name).mkdir()
+        writer = PackageWriter(maps, written.mesh, written.shapes, tmp_path / name, levels)
+        tracemalloc.start()
+        for step in writer.steps():
+            step()
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert min(peaks) < writer.host_bytes < 2 * min(peaks)
 
 
 def test_levels_of_an_array_are_aligned(tmp_path: Path) -> None:
