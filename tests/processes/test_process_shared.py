@@ -40,11 +40,12 @@ def test_servers_share_what_one_of_them_builds(bucket: str, faults: Path, tmp_pa
         await_value(lambda: shared.ids() == [one.asset])
 
         other.asset = one.asset
-        await_value(lambda: other.client.get(f"/v1/assets/{one.asset}").status_code == 200)
+        url = f"/v1/assets/{one.asset}"
+        await_value(lambda: other.client.get(url).json().get("state") == "ready")
         other.client.put(other.frame, content=npy(smile()), headers=NPY).raise_for_status()
         assert other.tile(method="redraw").content == wanted.content
 
-        other.client.delete(f"/v1/assets/{one.asset}", params={"shared": "true"})
+        other.client.delete(url, params={"shared": "true"})
         assert shared.ids() == []
         assert other.tile().status_code == 404
         assert one.tile(method="redraw").content == wanted.content
