@@ -75,7 +75,7 @@ class FakeSession:
         for number in chunk.numbers:
             before = self._job.begin(number)
             if before < dict(self._job.deaths).get(number, 0):
-                time.sleep(0.1)
+                time.sleep(0.5)
                 os.kill(os.getpid(), signal.SIGKILL)
             if number in self._job.bad:
                 raise FrameError(f"frame {number} has 3 vertices")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -391,3 +392,19 @@ def test_a_shared_store_that_may_only_be_read_is_read(
 
     monkeypatch.setattr("rhytid.support.atomic_files.install", refused)
     assert SharedStore.at(str(place)).holds(ID)
+
+
+def test_a_folder_is_ours_until_it_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process that ends while one is removed removes what is left of it."""
+    monkeypatch.setattr("rhytid.support.temporary_folders._folders", {})
+    cleanup = tempfile.TemporaryDirectory.cleanup
+
+    def ends(made: tempfile.TemporaryDirectory[str]) -> None:
+        remove_temporary_folders()
+        assert not Path(made.name).exists()
+        cleanup(made)
+
+    monkeypatch.setattr(tempfile.TemporaryDirectory, "cleanup", ends)
+    with temporary_folder("rhytid-", tmp_path) as folder:
+        (folder / "part").touch()
+    assert [*tmp_path.iterdir()] == []

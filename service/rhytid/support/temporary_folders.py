@@ -19,8 +19,8 @@ _TRIES, _PAUSE = 10, 0.02
 
 @contextmanager
 def removed_on_abort(folder: Path) -> Iterator[Path]:
-    """While the block runs, `remove_temporary_folders` removes `folder`, which was just made; when
-    the block ends, the caller removes it."""
+    """While the block runs, `remove_temporary_folders` removes `folder`, which was just made; else
+    the caller removes it."""
     _folders[folder] = _which(folder)
     try:
         yield folder
@@ -31,10 +31,9 @@ def removed_on_abort(folder: Path) -> Iterator[Path]:
 @contextmanager
 def temporary_folder(prefix: str, parent: Path | None = None) -> Iterator[Path]:
     """A fresh folder in `parent`, else where the system has such, removed with what is in it."""
-    with (
-        TemporaryDirectory(prefix=prefix, dir=parent) as name,
-        removed_on_abort(Path(name)) as folder,
-    ):
+    made = TemporaryDirectory(prefix=prefix, dir=parent)
+    # Known until it is gone: a process that ends while it is removed removes the rest.
+    with removed_on_abort(Path(made.name)) as folder, made:
         yield folder
 
 
