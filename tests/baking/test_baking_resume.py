@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -11,7 +12,7 @@ import pytest
 
 from baking.fake_engine import ASSET, FakeEngine
 from rhytid.baking.baker import Baker
-from rhytid.baking.frame_names import FrameRange
+from rhytid.baking.frame_names import FramePlace, FrameRange
 from rhytid.baking.frames import FrameFiles
 from rhytid.baking.output import BakeRecord, Output
 from rhytid.baking.run_warnings import RunWarnings
@@ -203,6 +204,11 @@ def test_nothing_else_is_left_behind(engine: FakeEngine, tmp_path: Path) -> None
     assert re.fullmatch(r"face\.device\.[0-9a-f]{8}\.json", left[1])
 
 
+def interrupted_after_one(places: Sequence[FramePlace]) -> Iterator[FramePlace]:
+    yield places[0]
+    raise KeyboardInterrupt
+
+
 def mixed(done: Baker) -> list[str]:
     return [one.code for one in done.warnings.found]
 
@@ -222,6 +228,15 @@ def test_what_is_drawn_anew_by_one_device_is_not_mixed(engine: FakeEngine, tmp_p
     assert mixed(bake(engine, tmp_path, values, part="2")) == []
     assert mixed(bake(engine, tmp_path, values)) == []
     assert len([*tmp_path.glob("face.device.*.json")]) == 1
+
+
+def test_a_bake_that_was_ended_counts_as_a_device(engine: FakeEngine, tmp_path: Path) -> None:
+    ended, values = baker(engine, tmp_path, [0.5, 0.25]), [0.5, 0.25]
+    with pytest.raises(KeyboardInterrupt):
+        ended.write(ended.frames.places, interrupted_after_one(ended.frames.places))
+    assert (tmp_path / "face.bake.json").is_file()
+    engine.revision = 1
+    assert mixed(bake(engine, tmp_path, values, part="2")) == ["devices-mixed"]
 
 
 def test_mixed_devices_are_an_error_where_strict(engine: FakeEngine, tmp_path: Path) -> None:

@@ -60,6 +60,9 @@ def test_a_wrong_header_is_named(speaker: Speaker, named: str) -> None:
         ({"tiles": [TILE, TILE]}, "tiles names a tile twice"),
         ({"tiles": None}, "must have either tiles or camera"),
         ({"format": "exr"}, "format is 'exr': must be 'f32', 'f16' or 'u16'"),
+        ({"tolerance": "0"}, "tolerance is '0': must be a valid number"),
+        ({"scale": True, "format": "u16"}, "scale is True: must be a valid number"),
+        ({"tolerance": -1}, "tolerance is -1: must be greater than or equal to 0"),
         ({"tolerance": "n" * 999}, f"tolerance is '{'n' * 23}…: must be a valid number"),
     ],
 )

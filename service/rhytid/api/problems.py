@@ -20,6 +20,8 @@ from rhytid.support.logs import request_id
 
 MEDIA_TYPE = "application/problem+json"
 LONGEST_DETAIL = 2000
+# Characters of a wrong value that are shown: of a live connection the reason has 121 in all.
+_LONGEST_FOUND = 24
 # Statuses after which a caller may ask again later; they are counted by kind.
 _REFUSALS = (429, 503, 507)
 logger = logging.getLogger(__name__)
@@ -148,12 +150,20 @@ async def _invalid(request: Request, error: Exception) -> Response:
 
 def _fault(fault: Mapping[str, Any]) -> str:
     place, *path = (str(step) for step in fault["loc"])
-    where = f"{place} parameter {'.'.join(path)}"
+    return fault_at(f"{place} parameter {'.'.join(path)}", fault)
+
+
+def fault_at(where: str, fault: Mapping[str, Any]) -> str:
+    """What pydantic found wrong at a place, in our words."""
     if fault["type"] == "extra_forbidden":
         return f"unknown {where}"
     if fault["type"] == "missing":
         return f"{where} is missing"
-    return f"{where} is {fault['input']!r}: {fault['msg']}"
+    found = repr(fault["input"])
+    if len(found) > _LONGEST_FOUND:
+        found = found[:_LONGEST_FOUND] + "…"
+    said = fault["msg"].replace("Input should be", "must be").replace(" after validation", "")
+    return f"{where} is {found}: {said}"
 
 
 async def _framework(request: Request, error: Exception) -> Response:

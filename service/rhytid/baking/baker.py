@@ -110,6 +110,8 @@ class Baker:
         plans = {udim: self._plan(place, udim) for udim in self.asset.udims}
         surface = self._due_surface(frame, plans)
         due = {udim: self._due_maps(frame, plan) for udim, plan in plans.items()}
+        if surface or any(due.values()):
+            self._marked()  # by now: a bake that is killed has files of this device, too
         together = sum(self._map_bytes(one) for one in due.values())
         held = writers.hold(together) if surface else None
         found, drawn = [], {}
@@ -136,6 +138,10 @@ class Baker:
     @cached_property
     def _mesh_facts(self) -> Callable[[], Facts]:
         return once(partial(mesh_facts, self.mesh))
+
+    @cached_property
+    def _marked(self) -> Callable[[], Path]:
+        return once(lambda: self.output.leave_mark(self.engine.tiles.drawn_by))
 
     def _map_bytes(self, due: Sequence[_DueMap]) -> int:
         """Bytes of a map until its files, one after another, are written. Those that are copied

@@ -82,11 +82,7 @@ class Output:
         all others. Where there are several such files the records decide, since maps may have been
         drawn anew.
         """
-        name = glob.escape(self.name)
-        mark = (
-            self.folder / f"{self.name}.device.{hashlib.sha256(now.encode()).hexdigest()[:8]}.json"
-        )
-        _write_facts(mark, {"drawn_by": now})
+        name, mark = glob.escape(self.name), self.leave_mark(now)
         marks = {*self.folder.glob(f"{name}.device.*.json")} - {mark}
         if not marks:
             return {now}
@@ -95,6 +91,13 @@ class Output:
             for one in marks:
                 one.unlink(missing_ok=True)
         return found
+
+    def leave_mark(self, now: str) -> Path:
+        """The file with the name of the device that draws now, written where it is not there."""
+        digest = hashlib.sha256(now.encode()).hexdigest()[:8]
+        mark = self.folder / f"{self.name}.device.{digest}.json"
+        _write_facts(mark, {"drawn_by": now})
+        return mark
 
     def _concerns(self, record: Path) -> bool:
         """Whether the record of another part may hold frames of this one. A film may have thousands

@@ -10,8 +10,9 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError, model_validator
 
+from rhytid.api.problems import fault_at
 from rhytid.api.uploads import decode_json
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.messages import MapQuery
@@ -42,8 +43,6 @@ ORDER = 4409
 TOO_LARGE = 4413
 # A close frame holds so many bytes, two of which are the code.
 _LONGEST = 123
-# Characters of a wrong value that the reason shows.
-_LONGEST_SHOWN = 24
 CLOSE_CODES = {
     1000: "the client is done",
     1001: "the client goes away",
@@ -59,7 +58,7 @@ CLOSE_CODES = {
 }
 
 _Whole = Annotated[int, Field(ge=0, lt=2**31, strict=True)]
-_Number = Annotated[float, Field(allow_inf_nan=False)]
+_Number = Annotated[float, Field(allow_inf_nan=False, strict=True)]
 _Four = Annotated[list[_Number], Field(min_length=4, max_length=4)]
 _Name = Annotated[str, Field(min_length=1, max_length=256)]
 
@@ -85,7 +84,7 @@ class Camera(BaseModel):
 
     matrix: list[_Four] = Field(min_length=4, max_length=4)
     level: _Whole = 0
-    two_sided: bool = False
+    two_sided: StrictBool = False
 
 
 class View(BaseModel):
@@ -120,8 +119,8 @@ class Opening(View):
     stretch: str = "tensor"
     sampling: str = "nearest"
     format: Literal["f32", "f16", "u16"] = "f32"
-    scale: float | None = Field(None, gt=0, allow_inf_nan=False)
-    tolerance: float = Field(0.0, ge=0, allow_inf_nan=False)
+    scale: Annotated[_Number, Field(gt=0)] | None = None
+    tolerance: Annotated[_Number, Field(ge=0)] = 0.0
     shapes: list[_Name] = Field([], max_length=MOST_SHAPES)
 
     def query(self) -> MapQuery:
@@ -227,17 +226,9 @@ def _read(kind: type[BaseModel], text: str, what: str) -> Any:
 
 def _fault(fault: Mapping[str, Any]) -> str:
     """What is wrong and where, as problems of HTTP say it."""
-    place, said = ".".join(str(step) for step in fault["loc"]), fault["msg"]
-    if fault["type"] == "missing":
-        return f"{place} is missing"
-    if fault["type"] == "extra_forbidden":
-        return f"unknown key {place}"
+    place = ".".join(str(step) for step in fault["loc"])
     if fault["type"] == "value_error":  # one of ours
         return str(fault["ctx"]["error"])
     if not place:
         return "must be a JSON object"
-    found = repr(fault["input"])
-    if len(found) > _LONGEST_SHOWN:
-        found = found[:_LONGEST_SHOWN] + "…"
-    said = said.replace("Input should be", "must be").replace(" after validation", "")
-    return f"{place} is {found}: {said}"
+    return fault_at(f"key {place}" if fault["type"] == "extra_forbidden" else place, fault)
