@@ -193,6 +193,15 @@ def small_mesh() -> SmallMesh:
 
 
 @pytest.fixture
+def decoded_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Images are decoded in this process, as in the one that decodes an upload: to start another
+    for each takes a fifth of a second. What such a process does is tested in tests/formats."""
+    from rhytid.formats import exr
+
+    monkeypatch.setattr(exr, "_begun", lambda name: None)
+
+
+@pytest.fixture
 def unknown(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     """No float of fresh memory of the device is a number."""
     import numpy as np

@@ -30,6 +30,8 @@ from rhytid.formats.exr import read_exr
 from rhytid.formats.graphs import read_graph
 from rhytid_lab.samples.face import procedural_face
 
+pytestmark = pytest.mark.usefixtures("decoded_here")
+
 SIDE, RANGE = 256, 0.02
 STEP = RANGE / 65535
 # Of a map of each UDIM.
