@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import shutil
 import time
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -34,7 +35,12 @@ def temporary_folder(prefix: str, parent: Path | None = None) -> Iterator[Path]:
     made = TemporaryDirectory(prefix=prefix, dir=parent)
     # Known until it is gone: a process that ends while it is removed removes the rest.
     with removed_on_abort(Path(made.name)) as folder, made:
-        yield folder
+        try:
+            yield folder
+        except MemoryError as error:
+            # To remove a folder takes memory, too: what ran out of it lets go of what it made.
+            traceback.clear_frames(error.__traceback__)
+            raise
 
 
 def remove_temporary_folders() -> None:

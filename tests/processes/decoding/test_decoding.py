@@ -124,12 +124,16 @@ def test_a_scan_is_decoded_in_a_process_and_measured(hold: Hold) -> None:
     assert hold.nbytes >= found.scan.maps[1001].nbytes
 
 
-def test_a_scan_that_promises_too_much_is_refused() -> None:
-    """Its header promises three times what an upload may take at all."""
+def test_a_scan_that_promises_too_much_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its header promises three times what an upload may take at all; its folder is removed."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
     hold = ByteBudget(128 * MIB, "RHYTID_HOST_MEMORY_MB").hold("uploads")
     files: Files = [*mesh("patch.obj", obj()), ("scan", ("s.1001.png", grey_png(6000)))]
     with pytest.raises(LimitError, match=r"^s\.1001\.png: .* than [0-9]+ bytes of memory"):
         read(files, hold)
+    assert not list(tmp_path.iterdir())
 
 
 def test_images_of_exr_are_decoded_in_one_process(
