@@ -157,15 +157,20 @@ def test_level_ones_cross_those_of_another_fold(device: Device) -> None:
     assert np.mean([abs(way[1]) > abs(way[0]) for way in ways]) > 0.9
 
 
-@pytest.mark.parametrize("apart", [0.3, 0.16], ids=["15 mm", "8 mm"])
-def test_a_frown_has_one_line_a_side_and_nothing_beside_it(device: Device, apart: float) -> None:
-    """Skin is compressed along y, so that others run level; crests are upright, left and right of
-    0.55."""
-    at, pair = MESH.positions, (FROWN_LEFT.number, FROWN_RIGHT.number)
+def crests(apart: float) -> np.ndarray:
+    """(V,) a frown of two upright crests, left and right of 0.55."""
+    at = MESH.positions
     beside = at[:, 0] - 0.55
     crest = np.clip(1.0 - np.abs(np.abs(beside) - 0.5 * apart) / 0.07, 0.0, 1.0)
     crest *= np.sign(beside) * (np.abs(at[:, 1] - 0.5) < 0.22)
-    found = replace(folds(angle=90.0), frown=crest.astype(np.float32))
+    return crest.astype(np.float32)
+
+
+@pytest.mark.parametrize("apart", [0.3, 0.16], ids=["15 mm", "8 mm"])
+def test_a_frown_has_one_line_a_side_and_nothing_beside_it(device: Device, apart: float) -> None:
+    """Skin is compressed along y, so that others run level."""
+    pair = (FROWN_LEFT.number, FROWN_RIGHT.number)
+    found = replace(folds(angle=90.0), frown=crests(apart))
     leaders, pores = traced(device, MESH, found)
     family = leaders.courses.wishes.family[leaders.row]
     lines = [pores.points.position[pores.line == n] for n in np.flatnonzero(np.isin(family, pair))]
@@ -306,6 +311,20 @@ def test_over_a_strip_of_skin_the_mean_share_is_1(device: Device) -> None:
             assert (mass * share)[here].sum() == pytest.approx(mass[here].sum(), rel=0.16)
     assert share.max() > 1.3
     assert share.min() < 0.9
+
+
+def test_a_frown_takes_the_shortening_of_all_lines_beside_it(device: Device) -> None:
+    """Between both lines, 15 mm apart, others lose some in the middle, and most beside them."""
+    found = replace(folds(), frown=crests(0.3))
+    graph = synthesize(MESH, GraphSettings(wrinkles=COUNT), device, folds=found).graph
+    middle = sheets.places(Surface.of(MESH), graph)[graph.edge_nodes].mean(axis=1)
+    aside, along = np.abs(middle[:, 0] - 0.55), np.abs(middle[:, 1] - 0.5)
+    share, inside = graph.edge_share, along < 4 * MILLIMETRE
+    usual = grown(device, 1.0).graph.edge_share
+    pair = (np.abs(aside - 0.15) < 2 * MILLIMETRE) & inside
+    assert share[pair].max() > usual.max() + 0.7
+    assert 0.3 < share[inside & (aside < 3.5 * MILLIMETRE)].mean() < 0.95
+    assert share[inside & (np.abs(aside - 0.11) < MILLIMETRE)].mean() < 0.6
 
 
 def test_what_leaders_take_fades_to_their_ends(device: Device) -> None:

@@ -37,7 +37,9 @@ class Family:
     skin has it most, and which no line before it cuts.  winding: how far they wind about their
     direction, radians, and over which lengths, millimetres.  waves: lengths of those of their
     depth, millimetres, from, and by chance how much longer.  uneven: how high each of these is;
-    where their sum is below -1 a line is broken.
+    where their sum is below -1 a line is broken.  takes: of the shortening of skin, what one takes
+    in its middle at rank 1, of what it would by itself.  strip: how far it takes that from, in pore
+    spacings.
     """
 
     leading: Values
@@ -58,6 +60,8 @@ class Family:
     winding: tuple[tuple[float, float], ...] = ((0.15, 9.0), (0.16, 2.2))
     waves: tuple[tuple[float, float], ...] = ((1.0, 0.9), (2.4, 2.5), (7.0, 6.0))
     uneven: float = 0.27
+    takes: float = 2.2
+    strip: float = 5.0
 
 
 def _level(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -116,6 +120,8 @@ FROWN_LEFT = Family(
     single=True,
     winding=((0.16, 12.0), (0.18, 3.0)),
     uneven=0.2,
+    takes=4.0,
+    strip=16.0,
 )
 FROWN_RIGHT = replace(
     FROWN_LEFT, number=4, leading=lambda f, *place: np.maximum(-f.frown(*place), 0.0)

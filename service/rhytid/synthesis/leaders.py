@@ -48,7 +48,7 @@ class LeaderPores:
     line (Q,): the number of the leader.  depth (Q,) float32: how deep the leader is there, from 0
     at its ends to about 1 in the middle of the largest.  width (Q,) float32: how broad, likewise.
     profile (Q,) float32: the part of the depth that changes along the leader, about 1 in its
-    middle.
+    middle.  family (Q,): the number of the family.
     """
 
     points: Points
@@ -56,6 +56,7 @@ class LeaderPores:
     depth: NDArray[np.float32]
     width: NDArray[np.float32]
     profile: NDArray[np.float32]
+    family: IntArray
 
     def __len__(self) -> int:
         return len(self.line)
@@ -65,7 +66,8 @@ class LeaderPores:
         """Those of skin without leaders."""
         nowhere = np.empty((0, 3), np.float32)
         points = Points(np.empty(0, np.int32), nowhere[:, :2], np.empty((0, 3)), nowhere)
-        return cls(points, np.empty(0, np.int64), *[nowhere[:, 0]] * 3)
+        none, nothing = np.empty(0, np.int64), nowhere[:, 0]
+        return cls(points, none, nothing, nothing, nothing, none)
 
 
 def leaders_of(ground: Ground, spacing: float, settings: GraphSettings) -> Leaders | None:
@@ -124,8 +126,9 @@ class Leaders:
         leading = leading_of(wishes.family[row], fields, points.triangle, points.uv)
         depth = size * wishes.deep[row] * profile * np.sqrt(np.clip(leading, 0.0, 1.0))
         holds = surface.carries[points.triangle] & ~fields.bare(points.triangle, points.uv)
-        values = (values[holds].astype(np.float32) for values in (depth, width, profile))
-        return LeaderPores(points.take(holds), line[holds], *values)
+        depth, width, profile = (v[holds].astype(np.float32) for v in (depth, width, profile))
+        family = wishes.family[row[holds]]
+        return LeaderPores(points.take(holds), line[holds], depth, width, profile, family)
 
     def _places(self, radius: float) -> tuple[IntArray, FloatArray]:
         """(Q,) the leader of each pore, and (Q,) where on it the pore lies, counted in points of

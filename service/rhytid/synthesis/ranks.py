@@ -16,7 +16,7 @@ from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.skin import wear
 from rhytid.synthesis.candidate_graph import CandidateGraph
 from rhytid.synthesis.fields import Fields
-from rhytid.synthesis.leader_families import leading_any_way
+from rhytid.synthesis.leader_families import FAMILIES, leading_any_way
 from rhytid.synthesis.leaders import LeaderPores
 from rhytid.synthesis.shapes import WIDE
 
@@ -38,11 +38,13 @@ _NARROW, _BROAD = 0.6, 1.25
 # How far other lines are fainter: beside a leader, and where skin folds one way; how far from a
 # leader, in pore spacings, the first ends.
 _BESIDE, _FOLDED, _REACH = 0.3, 0.5, 4.0
-# Share of the shortening that a leader takes in its middle, of what it would take by itself, at
-# rank 1, and how much less one of weight 1 takes. It fades to the ends as the depth does, for
-# pressed skin would make cuts of them. What others are left at least, of what they would take; how
-# far leaders take it from, in pore spacings.
-_TAKES, _DEEP_TAKES, _LEFT, _STRIP = 2.2, 0.6, 0.2, 5.0
+# How much less of the shortening than its family says a leader of weight 1 takes. It fades to the
+# ends as the depth does, for pressed skin would make cuts of them. What others are left at least,
+# of what they would take.
+_DEEP_TAKES, _LEFT = 0.6, 0.2
+# By the numbers of families, what leaders take more than by themselves, and how far from.
+_TAKES_MORE = np.array([family.takes - 1.0 for family in FAMILIES], np.float32)
+_STRIPS = np.array([family.strip for family in FAMILIES])
 _TINY = np.float32(1e-6)
 # Pores on a leader would be beads on a string: of their depth is left.
 _BEADS = 0.6
@@ -56,7 +58,8 @@ class Ranks:
     float32: the largest factor of the skin of leaders: with it one is as deep as lines can be in
     its middle, and tapers from there as others do; infinite of other edges.  width (E,) float32:
     half widths of leaders, in pore spacings.  profile (E,) float32: of leaders, from 0 at both ends
-    to 1; 0 of other edges.  quiet (N,) float32: factor of the weight of other lines at each pore.
+    to 1; 0 of other edges.  family (E,) int8: of leaders, the number; 0 of other edges.
+    quiet (N,) float32: factor of the weight of other lines at each pore.
     of_pores (N,) float32: factor of the depth of the pores.  rank: the setting.
     """
 
@@ -64,6 +67,7 @@ class Ranks:
     most: Singles
     width: Singles
     profile: Singles
+    family: NDArray[np.int8]
     quiet: Singles
     of_pores: Singles
     rank: float
@@ -82,8 +86,10 @@ class Ranks:
         leaders: the first pores of the net.  spacing: mean distance of pores on even skin.
         """
         rank, worn = settings.rank, wear(settings.age)
-        edge, depth, size, profile = _edges_along(net, leaders)
+        edge, depth, size, profile, number = _edges_along(net, leaders)
         weight, width, run = (np.zeros(len(net.edges), np.float32) for _ in range(3))
+        family = np.zeros(len(net.edges), np.int8)
+        family[edge] = number
         most = np.full(len(net.edges), np.inf, np.float32)
         deepest = _DEEPEST * (_OLD if worn > 0.0 else _YOUNG) ** worn
         middle = deepest * min(rank, 1.0) * depth / np.maximum(profile, _TINY)
@@ -98,7 +104,9 @@ class Ranks:
         quiet *= (_OLD_OTHERS if worn > 0.0 else _YOUNG_OTHERS) ** (worn * leading)
         of_pores = np.ones(len(net.pores), np.float32)
         of_pores[net.first] = _BEADS ** min(rank, 1.0)
-        return cls(weight, most, width, run, (quiet**rank).astype(np.float32), of_pores, rank)
+        return cls(
+            weight, most, width, run, family, (quiet**rank).astype(np.float32), of_pores, rank
+        )
 
     @property
     def leads(self) -> NDArray[np.bool_]:
@@ -125,11 +133,11 @@ class Ranks:
 
     def shares(self, strips: Strips) -> Singles:
         """(W,) shares of W lines; over a strip of skin their mean by mass is 1."""
-        leads = self.leads[strips.edge]
-        takes = (_TAKES - 1.0 - _DEEP_TAKES * strips.weight) * self.rank
+        leads, family = self.leads[strips.edge], self.family[strips.edge]
+        takes = (_TAKES_MORE[family] - _DEEP_TAKES * strips.weight) * self.rank
         takes *= self.profile[strips.edge]
         more = np.where(leads, strips.mass * takes, 0.0)
-        taken, given = _given(strips, leads, more)
+        taken, given = _given(strips, leads, more, _STRIPS[family])
         ends = strips.pores
         share = 1.0 - 0.5 * (given[ends[:, 0]] + given[ends[:, 1]])
         kept = 0.5 * (taken[ends[:, 0]] + taken[ends[:, 1]])
@@ -155,19 +163,24 @@ class Strips:
 
 
 def _given(
-    strips: Strips, leads: NDArray[np.bool_], more: NDArray[np.float64]
+    strips: Strips,
+    leads: NDArray[np.bool_],
+    more: NDArray[np.float64],
+    strip: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(N,) what leaders get of what they ask for at each pore, 0 to 1, and (N,) what others give
     there, of what they would take by themselves.
 
     more (W,): what each leader asks for, more than it would take by itself. It asks the pores
     around it, in proportion to what meets there and to how near they are, and each gives as far as
-    it can.
+    it can.  strip (W,): how far each asks, in pore spacings.
     """
     count = len(strips.position)
     asked = _at_pores(strips, more, count)
     there = _at_pores(strips, np.where(leads, 0.0, strips.mass), count)
-    one, two, near = _pairs(strips, np.flatnonzero(asked))
+    farthest = np.zeros(count)
+    np.maximum.at(farthest, strips.pores[leads], strip[leads, None])
+    one, two, near = _pairs(strips, asked, farthest)
     offered = near * there[two]
     total = np.bincount(one, offered, count)
     asks = offered * (asked / np.maximum(total, 1e-300))[one]
@@ -185,16 +198,25 @@ def _at_pores(strips: Strips, values: NDArray[np.float64], count: int) -> NDArra
 
 
 def _pairs(
-    strips: Strips, of: NDArray[np.intp]
+    strips: Strips, asked: NDArray[np.float64], farthest: NDArray[np.float64]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-    """Pairs of the pores `of` and those around them, ordered, and how near they are: 1 to 0."""
-    reach = _STRIP * strips.spacing
+    """Pairs of the pores that ask for something and those around them, ordered, and how near they
+    are: 1 to 0.  farthest (N,): how far each asks, in pore spacings."""
     # Trees that are asked once are not worth balancing.
     quick = {"balanced_tree": False, "compact_nodes": False}
-    all_, some = (scipy.spatial.cKDTree(p, **quick) for p in (strips.position, strips.position[of]))
-    found = some.sparse_distance_matrix(all_, reach, output_type="ndarray")
-    found = found[np.argsort(found["i"] * len(strips.position) + found["j"])]
-    return of[found["i"]], found["j"], (1.0 - (found["v"] / reach) ** 2) ** 2
+    every = scipy.spatial.cKDTree(strips.position, **quick)
+    found = []
+    for reach in np.unique(farthest[asked > 0]):
+        of = np.flatnonzero((asked > 0) & (farthest == reach))
+        some = scipy.spatial.cKDTree(strips.position[of], **quick)
+        reach *= strips.spacing
+        near = some.sparse_distance_matrix(every, reach, output_type="ndarray")
+        found.append((of[near["i"]], near["j"], (1.0 - (near["v"] / reach) ** 2) ** 2))
+    if not found:
+        return np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0)
+    one, two, nearness = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    order = np.argsort(one * len(strips.position) + two)
+    return one[order], two[order], nearness[order]
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,9 +233,9 @@ class RankedLines:
 
 def _edges_along(
     net: CandidateGraph, leaders: LeaderPores
-) -> tuple[NDArray[np.intp], Singles, Singles, Singles]:
-    """The edges between pores that follow one another on a leader, and the depth, the width and the
-    profile of each."""
+) -> tuple[NDArray[np.intp], Singles, Singles, Singles, NDArray[np.int64]]:
+    """The edges between pores that follow one another on a leader, and the depth, the width, the
+    profile and the family of each."""
     follows = np.flatnonzero(leaders.line[1:] == leaders.line[:-1])
     ends = np.sort(np.stack([net.first[follows], net.first[follows + 1]], axis=1), axis=1)
     count = np.int64(len(net.pores))
@@ -225,7 +247,7 @@ def _edges_along(
         np.float32(0.5) * (values[follows] + values[follows + 1])[found]
         for values in (leaders.depth, leaders.width, leaders.profile)
     )
-    return at[found], depth, width, profile
+    return at[found], depth, width, profile, leaders.family[follows][found]
 
 
 def _nearness(net: CandidateGraph, leaders: LeaderPores, reach: float) -> Singles:
