@@ -5,7 +5,8 @@
 FACE.npz holds expressions of ARKit's names as `shapes`. Patches are those of
 `rhytid synthesize --preview`, 8 mm wide, drawn at 8192² without undulation. Sa is the mean distance
 from a plane; Rz the mean, over stretches of 1.6 mm, of the height from trough to peak, along level
-profiles and along upright ones. All in micrometres.
+profiles and along upright ones. All in micrometres. At last, where 35 is one of the ages, the share
+of lines of each age that join the same two pores as at 35.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from rhytid.baking.input_files import mesh_file, shape_files
 from rhytid.cli.preview import SIDE_MM, drawn_under, resident, skin_views
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import millimetres
 from rhytid.domain.tiles import busiest_udim
 from rhytid.engine.engine import open_device
@@ -30,6 +32,7 @@ from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.workspace import directly
 
 UNIT, RESOLUTION, STRETCH_MM = "cm", 8192, 1.6
+UNCHANGED = 35.0
 Heights = NDArray[np.float64]
 
 
@@ -43,6 +46,12 @@ def rough(heights: Heights) -> tuple[float, float, float]:
         float(np.ptp(level, -1).mean()),
         float(np.ptp(upright, 1).mean()),
     )
+
+
+def joined(graph: WrinkleGraph) -> set[tuple[bytes, ...]]:
+    """Of each line the places of its two pores in UV."""
+    own = graph.edge_nodes[graph.own_edges]
+    return {tuple(sorted(place.tobytes() for place in two)) for two in graph.node_uv[own]}
 
 
 def main() -> None:
@@ -59,11 +68,13 @@ def main() -> None:
     limit, micrometres = AssetSettings().response.log_stretch_limit, 1e3 * millimetres(UNIT)
     folds = measured_folds(device, mesh, expressions, limit, UNIT, lambda *_: None, directly)
     udim, views = busiest_udim(mesh), []
+    lines = {}
     for age in arguments.ages:
         grown = AssetSettings.parse(
             {"unit": UNIT, "graph": {"wrinkles": arguments.wrinkles, "age": age}}
         ).for_synthesis()
         made = synthesize(mesh, grown.graph, device, folds=folds, unit=UNIT)
+        lines[age] = joined(made.graph)
         views = views or skin_views(mesh, folds, udim, SIDE_MM * 1e3 / micrometres)
         settings = grown.with_lengths(made.lengths)
         settings = settings.changed({"resolution": RESOLUTION, "shape": {"undulation": 0.0}})
@@ -73,6 +84,9 @@ def main() -> None:
             found = rough(levelled(view.surface.heights(drawn) * micrometres, 1))
             figures = ", ".join(f"{value:5.1f}" for value in found)
             sys.stdout.write(f"{view.region:12} {age:3g} years: Sa, Rz, Rz upright {figures}\n")
+    for age, found in lines.items() if UNCHANGED in lines else ():
+        share = len(found & lines[UNCHANGED]) / len(found)
+        sys.stdout.write(f"{share:.1%} of the lines at {age:g} join the same two pores as at 35\n")
 
 
 if __name__ == "__main__":

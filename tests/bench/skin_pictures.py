@@ -13,13 +13,14 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from patchiness import RESOLUTION, UNIT, Face
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 
 from rhytid.baking.input_files import mesh_file, shape_files
 from rhytid.cli.preview import drawn_under, resident
@@ -33,6 +34,8 @@ from rhytid.support.settings import ServiceSettings
 from rhytid.synthesis.generate import Synthesis, synthesize
 
 GAP = 4
+# Millimetres: the deviation of the Gaussian that takes what is longer than some 3 mm.
+SHORT = 0.6
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ EVENTS = (
     Place(None, (0.6, 0.4, 12.2), 1.4),
 )
 FOLDS = (Place("brows_up", (-2.6, 6.3, 9.9), 2.0, 480),)
-# Where slopes are taken with folds and without.
+# Where figures are taken at rest, without folds and with them.
 SLOPES = (
     *FOLDS,
     Place("brows_up", (2.6, 6.3, 9.9), 2.0, 480),
@@ -95,11 +98,16 @@ class Pictures:
         with resident(face.device, self._mesh, made.graph, settings) as asset:
             return patch, drawn_under(asset, face.udim, [patch], lambda *_: None, frame)
 
-    def slope(self, skin: Grown, place: Place) -> float:
-        """Root mean square slope of the relief of a place, degrees."""
-        patch, heights = self.drawn(skin, place)
-        slopes = np.linalg.norm(patch.gradient(heights), axis=-1)[patch.seen.covered]
-        return float(np.sqrt((np.degrees(np.arctan(slopes)) ** 2).mean()))
+    def figures(self, skin: Grown, place: Place) -> str:
+        """Of the relief of a place slopes, degrees: their root mean square and what 95 % are below;
+        and the deepest hundredth, micrometres, of what SHORT lets through."""
+        patch, drawn = self.drawn(skin, place)
+        seen, step = patch.seen.covered, 10 * place.side / place.pixels
+        slopes = np.degrees(np.arctan(np.linalg.norm(patch.gradient(drawn), axis=-1)[seen]))
+        heights = 1e4 * patch.heights(drawn)
+        fine = (heights - gaussian_filter(heights, SHORT / step))[seen]
+        most, deepest = np.percentile(slopes, 95), np.percentile(fine, 1)
+        return f"{np.sqrt((slopes**2).mean()):.1f}, {most:.1f} degrees, {deepest:.0f} µm"
 
     def weights(self, name: str | None) -> NDArray[np.float64]:
         """(E,) of an expression; zeros at rest."""
@@ -150,14 +158,15 @@ def events(pictures: Pictures) -> Image.Image:
 
 
 def folds(pictures: Pictures) -> Image.Image:
-    """`response.folds` 0 and 1 from the left, light at 45° and at 15° from above. Prints slopes."""
+    """`response.folds` 0 and 1 from the left, light at 45° and at 15° from above. Prints what is
+    at rest, without folds and with them."""
     made, settings = pictures.grown()
     skins = [(made, settings.changed({"response": {"folds": share}})) for share in (0.0, 1.0)]
     for place in SLOPES:
-        without, with_folds = (pictures.slope(skin, place) for skin in skins)
-        sys.stdout.write(
-            f"{place.expression} {place.at}: {without:.1f}, {with_folds:.1f} degrees\n"
-        )
+        rest = pictures.figures(skins[1], replace(place, expression=None))
+        without, with_folds = (pictures.figures(skin, place) for skin in skins)
+        sys.stdout.write(f"{place.expression} {place.at}: at rest {rest}\n")
+        sys.stdout.write(f"    folds 0: {without}\n    folds 1: {with_folds}\n")
     return page([[pictures.row(skin, FOLDS, light)[0] for skin in skins] for light in (45.0, 15.0)])
 
 

@@ -14,7 +14,7 @@ import rendering
 import sheets
 import stage
 from face import Face
-from shots import CLOSE, EXPRESSIONS, FACES, FILM, Shot
+from shots import CLOSE, FILM, Shot
 
 BUILD = Path(__file__).resolve().parents[1] / "build.py"
 ADDON = "bl_ext.user_default.rhytid"
@@ -49,7 +49,6 @@ def make_pictures(obj: bpy.types.Object, options: argparse.Namespace) -> None:
     rendering.settle(options.percent)
     if options.only != "film":
         _close(obj, options.out)
-        _faces(obj, options.out)
     if options.only != "stills":
         _film(obj, options.out)
 
@@ -60,15 +59,6 @@ def _close(obj: bpy.types.Object, out: Path) -> None:
         sheets.row(paths, list(rendering.SIDES)).save(
             out / f"{shot.name}.jpg", quality=STILL_QUALITY
         )
-
-
-def _faces(obj: bpy.types.Object, out: Path) -> None:
-    """A column for each expression, a row for each side."""
-    columns = [[path for (path,) in _both(obj, out, shot)] for shot in FACES]
-    rows = []
-    for side, paths in zip(rendering.SIDES, zip(*columns, strict=True), strict=True):
-        rows.append(sheets.row(paths, [f"{name}, {side}" for name in EXPRESSIONS]))
-    sheets.stack(rows).save(out / "faces.jpg", quality=STILL_QUALITY)
 
 
 def _film(obj: bpy.types.Object, out: Path) -> None:

@@ -57,8 +57,6 @@ FILM = Shot(
     range(1, CAPTURED + 1),
     samples=12,
 )
-_FACE = View((0.0, 0.8, 10.0), 14.5, 12, (0.9, 0.45, 0.15), (960, 1200))
-FACES = tuple(Shot(f"face_{name}", _FACE, _still(name)) for name in EXPRESSIONS)
 _WIDE = (960, 800)
 FOREHEAD = View((1.8, 7.9, 9.9), 6.5, 15, (0.7, 0.8, 0.0), _WIDE)
 BROWS = View((1.0, 4.8, 10.8), 6.5, 5, (0.95, 0.4, 0.1), _WIDE)

@@ -1,5 +1,6 @@
-"""Makes skin.jpg and paper_and_best.jpg of docs/images: close views of a face with the default
-settings, beside a scanned cheek and beside the preset `paper`.
+"""Makes skin.jpg, paper_and_best.jpg, blender.jpg and ten_minutes.jpg of docs/images: close views
+of a face with the default settings, beside a scanned cheek, beside the preset `paper`, and for
+pages on Blender.
 
     python clients/blender/gallery/skin.py FACE SCAN --out skin --rhytid .venv/bin/rhytid
 
@@ -24,9 +25,9 @@ SIZE, TURN, LIGHT = (600, 400), 19, (1.0, 0.35, 0.1)
 EXPRESSIONS = ("smile", "brow_furrow")
 
 
-def _view(at: tuple[float, float, float], width: float) -> View:
+def _view(at: tuple[float, float, float], width: float, size: tuple[int, int] = SIZE) -> View:
     """From the face's left, under grazing light from there."""
-    return View(at, width, TURN, LIGHT, SIZE)
+    return View(at, width, TURN, LIGHT, size)
 
 
 # The frame of each view: at rest, or an expression.
@@ -38,6 +39,12 @@ VIEWS = {
     "nose": (_view((1.0, 0.3, 12.2), 5.0), "rest"),
 }
 SCANNED = _view((4.6, 5.0, 10.0), 6.5)
+_CHEEK = _view((4.0, -2.4, 8.9), 5.0, (720, 580))
+# Each of a picture by itself, with its frames.
+PAGES = {
+    "blender": (_CHEEK, ("rest", "smile")),
+    "ten_minutes": (_view((2.8, -2.6, 9.8), 8.0, (720, 480)), ("smile",)),
+}
 # Settings of the asset.
 LOOKS = {"paper": {"preset": "paper", "graph": {"lines": "level"}}, "best": {}}
 COMPARED = ("eye", "mouth", "frown", "cheek")
@@ -79,7 +86,7 @@ def baked(look: str, options: argparse.Namespace) -> Path:
 def render(
     face: Face, moves: np.ndarray, maps: dict[str, Path], options: argparse.Namespace
 ) -> None:
-    """Both pictures.  maps: folders by look."""
+    """All pictures.  maps: folders by look."""
     import bpy
     import rendering
     import sheets
@@ -89,13 +96,19 @@ def render(
     obj = gallery.opened(face, moves, maps["best"], options.out)
     rendering.settle(percent=100)
 
-    def view(name: str, look: str) -> Path:
-        at, expression = VIEWS[name]
+    def seen(name: str, at: View, expression: str) -> Path:
         number = 1 + ("rest", *EXPRESSIONS).index(expression)
-        shot = Shot(f"{name}_{look}", at, range(number, number + 1), options.samples)
+        shot = Shot(name, at, range(number, number + 1), options.samples)
         return rendering.rendered(obj, options.out / "renders", shot, "with")[0]
 
+    def view(name: str, look: str) -> Path:
+        return seen(f"{name}_{look}", *VIEWS[name])
+
     best = {name: view(name, "best") for name in VIEWS}
+    for name, (at, expressions) in PAGES.items():
+        paths = [seen(name, at, expression) for expression in expressions]
+        picture = sheets.row(paths, [""] * len(paths))
+        picture.save(options.out / f"{name}.jpg", quality=gallery.STILL_QUALITY)
     bpy.ops.rhytid.open(directory=str(maps["paper"]))
     rows = [sheets.row([view(name, "paper"), best[name]], ["", ""]) for name in COMPARED]
     sheets.stack(rows).save(options.out / "paper_and_best.jpg", quality=gallery.STILL_QUALITY)
