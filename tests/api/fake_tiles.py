@@ -12,9 +12,10 @@ from rhytid.domain.bin_manifest import BinManifest, CushionLayer, GrainLayer
 from rhytid.domain.tiles import MapAddress, TileAddress
 from rhytid.engine.device_assets.bins import map_index
 from rhytid.engine.frames import Frame
-from rhytid.engine.messages import DrawnTile, MapQuery, TileDescription
+from rhytid.engine.messages import DrawnTile, HalfTile, MapQuery, TileDescription
 from rhytid.errors import NotFoundError
 from rhytid.formats.tile_header import TileHeader
+from rhytid.formats.tiles import half_tile
 
 
 class FakeTiles(Part):
@@ -33,6 +34,10 @@ class FakeTiles(Part):
         planned = self.describe(asset, frame, query, place)
         tile = self.tile(asset, frame, query, place)
         return DrawnTile(tile, planned, self.describe(asset, frame, query, place).key)
+
+    def draw_half(self, asset: str, frame: Any, query: MapQuery, address: Any) -> HalfTile:
+        drawn = self.draw(asset, frame, query, address)
+        return HalfTile(half_tile(drawn.tile), drawn.description.header)
 
     def tile(self, asset: str, frame: Any, query: MapQuery, place: Any) -> NDArray[np.float32]:
         """What tests replace."""

@@ -11,6 +11,8 @@ import numpy as np
 from api.fake_engine import FakeEngine
 from api.patch import positions
 from rhytid.engine.call_context import is_live
+from rhytid.engine.messages import HalfTile
+from rhytid.formats.tiles import half_tile
 
 TILE = [1001, 0, 1, 2]
 NAMES = ["browInnerUp_L", "browInnerUp_R", "jawOpen"]
@@ -30,6 +32,7 @@ class GatedEngine(FakeEngine):
         self.live: list[bool] = []
         self._draw = self.tiles.draw
         self.tiles.draw = self._gated  # type: ignore[method-assign]
+        self.tiles.draw_half = self._half  # type: ignore[method-assign]
 
     def _gated(self, *arguments: Any) -> Any:
         if self.error is not None:
@@ -43,6 +46,10 @@ class GatedEngine(FakeEngine):
             return self._draw(*arguments)
         finally:
             self.drawing -= 1
+
+    def _half(self, *arguments: Any) -> HalfTile:
+        drawn = self._gated(*arguments)
+        return HalfTile(half_tile(drawn.tile), drawn.description.header)
 
 
 def shapes() -> Any:

@@ -52,13 +52,29 @@ def test_memory_for_shapes_is_held_before_they_are_read(
     assert (len(held), engine.memory.used) == (1, before)
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.float16])
 @pytest.mark.parametrize("side", [8, 64, 96])
 @pytest.mark.parametrize("row", [0, 3, 4, 7, 31, 32, 47, 48, 63, 95])
-def test_one_texel_makes_a_changed_tile(side: int, row: int) -> None:
-    before = np.full((side, side), 0.25, np.float32)
+def test_one_texel_makes_a_changed_tile(side: int, row: int, kind: Any) -> None:
+    before = np.full((side, side), 0.25, kind)
     now = before.copy()
     now[row % side, row % side] = 0.125
     assert has_changed(before, now, 0.124)
     assert has_changed(now, before, 0.124)
     assert not has_changed(before, now, 0.125)
     assert not has_changed(before, before.copy(), 0.0)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float16])
+def test_zeros_of_either_sign_are_the_same(kind: Any) -> None:
+    before = np.zeros((8, 8), kind)
+    assert not has_changed(before, -before, 0.0)
+
+
+def test_half_floats_are_compared_as_numbers_of_more_bits() -> None:
+    """Their difference is no half float."""
+    before, now = np.full((8, 8), 1.0, np.float16), np.full((8, 8), -0.00049, np.float16)
+    step = float(before[0, 0]) - float(now[0, 0])
+    assert float(before[0, 0] - now[0, 0]) != step
+    assert has_changed(before, now, np.nextafter(step, 0.0))
+    assert not has_changed(before, now, step)

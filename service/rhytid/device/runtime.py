@@ -278,17 +278,18 @@ class Device:
         """The first values of a buffer; waits for all launches before."""
         host = np.empty(shape, dtype)
         if host.size:
-            with self._reading():
-                cl.enqueue_copy(self._queue, host, buffer.handle, is_blocking=True)
+            self._copy_to(host, buffer)
         return host
 
-    @contextmanager
-    def _reading(self) -> Iterator[None]:
-        """Waits for all launches, so that the copy to the host in the block is timed alone."""
+    def _copy_to(self, host: NDArray[Any], buffer: Buffer, **places: Any) -> None:
+        """Copy to the host and wait for it. The copy alone is timed, from when all launches are
+        done: it is enqueued before they are, so that the driver goes on to it by itself."""
         with driver_errors():
-            self._queue.finish()
+            launched = cl.enqueue_marker(self._queue)
+            copied = cl.enqueue_copy(self._queue, host, buffer.handle, is_blocking=False, **places)
+            launched.wait()
             start = time.perf_counter_ns()
-            yield
+            copied.wait()
             self.figures.read_back(time.perf_counter_ns() - start)
 
     @_stepped
@@ -298,13 +299,11 @@ class Device:
         """(side, side) float32 from (row, column) on, of a buffer with rows of `stride` values;
         waits as `read` does."""
         host = np.empty((side, side), np.float32)
-        with self._reading():
-            cl.enqueue_copy(
-                self._queue, host, buffer.handle, is_blocking=True,
-                buffer_origin=(4 * column, row, 0), host_origin=(0, 0, 0),
-                region=(4 * side, side, 1),
-                buffer_pitches=(4 * stride,), host_pitches=(4 * side,),
-            )  # fmt: skip
+        self._copy_to(
+            host, buffer,
+            buffer_origin=(4 * column, row, 0), host_origin=(0, 0, 0), region=(4 * side, side, 1),
+            buffer_pitches=(4 * stride,), host_pitches=(4 * side,),
+        )  # fmt: skip
         return host
 
     def copy_square(

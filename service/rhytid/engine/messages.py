@@ -29,6 +29,7 @@ from rhytid.formats.tile_header import TileHeader
 
 # Displacement (n, n), mesh units, row 0 at the top.
 Tile = NDArray[np.float32]
+Halves = NDArray[np.float16]
 METHODS = ("neutral", "redraw", "binned", "convolved")
 STRETCH_MODELS = ("tensor", "tension", "uv")
 SAMPLINGS = ("nearest", "smooth")
@@ -134,6 +135,14 @@ class TilePlan:
     def header(self) -> TileHeader:
         """The header of a file of it."""
         return self.description.header
+
+
+@dataclass(frozen=True, eq=False)
+class HalfTile:
+    """A tile of displacement (n, n) as half floats, rounded to even, and its header."""
+
+    tile: Halves
+    header: TileHeader
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,6 +38,7 @@ from rhytid.engine.messages import (
     FollowedAsset,
     FrameInfo,
     FrameStretch,
+    HalfTile,
     JobInfo,
     MapQuery,
     NewAsset,
@@ -326,6 +327,13 @@ class Tiles(Protocol):
     ) -> DrawnTile:
         """The displacement of a tile or of a whole level of a UDIM; raises BusyError where too many
         wait for the device."""
+
+    @operation("frame", spread=True)
+    def draw_half(
+        self, asset: str, frame: str | Frame, query: MapQuery, address: TileAddress
+    ) -> HalfTile:
+        """The displacement of a tile as half floats; raises what `draw` does, and QueryError where
+        half floats cannot hold it."""
 
     @operation("asset")
     def bins(self, asset: str) -> BinManifest:

@@ -1,4 +1,5 @@
-"""Levels: level L+1 is the mean of 2 x 2 texels of level L, down to one texel. Kernel: level.cl."""
+"""Levels: level L+1 is the mean of 2 x 2 texels of level L, down to one texel. Kernel: level.cl.
+What is read of them as half floats: halves.cl."""
 
 from __future__ import annotations
 
@@ -16,6 +17,8 @@ Draw = Callable[[int, int, int], Buffer]
 
 # Level-0 texels per side that are drawn at once, at most: 64 MiB of float32.
 _CHUNK = 4096
+# Bits of half floats: of one that is infinite, and the sign.
+_INFINITE, _NEGATIVE = 0x7C00, 0x8000
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,19 @@ def render_to_host(
         result = device.read(buffer, (side, side), np.float32)
     buffer.release()
     return result
+
+
+def read_halves(device: Device, buffer: Buffer, side: int) -> NDArray[np.float16] | None:
+    """(side, side) float32 of the device as half floats, rounded to even, in half of the bytes;
+    side is a multiple of 4. None where half floats cannot hold one of them."""
+    codes = device.empty(side * side, np.uint16)
+    device.launch("halves", "half_floats", (side * side // 16,), buffer, codes)
+    found = device.read(codes, (side, side), np.uint16)
+    codes.release()
+    # Infinite ones have the largest codes of their sign.
+    if found.max() >= _INFINITE | _NEGATIVE or found.view(np.int16).max() >= _INFINITE:
+        return None
+    return found.view(np.float16)
 
 
 def _halve(device: Device, part: Part, coarse: Buffer, side: int) -> None:

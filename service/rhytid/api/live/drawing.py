@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from copy import deepcopy
 from functools import cached_property
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ from rhytid.engine.frames import Frame
 from rhytid.engine.messages import AssetInfo
 from rhytid.errors import HostMemoryError, NotFoundError
 from rhytid.formats.frames import RAW, read_positions
+from rhytid.formats.tile_header import TileHeader
 
 if TYPE_CHECKING:
     from prometheus_client import Counter
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
 # Of one view: as many as a map of 8192² has.
 MOST_TEXELS = 8192**2
 # Rows of a tile that are compared at a time.
-_ROWS = 32
+_ROWS = 8
 # A tile that was drawn, and what it is encoded to.
 _WORKING = 2
 # How many times the bytes of shapes are there while they are read.
@@ -71,7 +72,7 @@ class LiveDrawing:
         self._slot, self._drawn, self._query = slot, drawn, opening.query()
         self._grid = TileGrid(info.settings["resolution"], info.settings["tile_size"])
         self._centre = np.array(info.centre)
-        self._sent: dict[TileAddress, NDArray[np.float32]] = {}
+        self._sent: dict[TileAddress, NDArray[Any]] = {}
         self._viewed: tuple[int, ViewedTiles] | None = None
         self._hold, self._loading = engine.memory.hold("answers"), 0
         self.blendshapes: Blendshapes | None = None
@@ -134,10 +135,8 @@ class LiveDrawing:
 
     def tile(self, frame: Frame, at: TileAddress, number: int, dropped: int) -> bytes | None:
         """The message with a tile; None where it changed too little since it was last sent."""
-        with self._slot(), drawn_live():
-            drawn = self._engine.tiles.draw(self._info.id, frame, self._query, at)
+        tile, header = self._displacement(frame, at)
         self._drawn.inc()
-        tile, header = drawn.tile, drawn.description.header
         before = self._sent.get(at)
         if before is not None and not has_changed(before, tile, self._opening.tolerance):
             return None
@@ -149,6 +148,17 @@ class LiveDrawing:
         else:
             np.copyto(before, tile)
         return message
+
+    def _displacement(self, frame: Frame, at: TileAddress) -> tuple[NDArray[Any], TileHeader]:
+        """A tile as it is sent where that is half floats, so that the device converts it; else
+        float32."""
+        tiles, asked = self._engine.tiles, (self._info.id, frame, self._query, at)
+        with self._slot(), drawn_live():
+            if self._opening.format == "f16":
+                half = tiles.draw_half(*asked)
+                return half.tile, half.header
+            drawn = tiles.draw(*asked)
+        return drawn.tile, drawn.description.header
 
     @cached_property
     def _mesh(self) -> Mesh:
@@ -221,10 +231,17 @@ class LiveDrawing:
             raise LiveClosed(TOO_LARGE, str(error)) from error
 
 
-def has_changed(before: NDArray[np.float32], now: NDArray[np.float32], tolerance: float) -> bool:
-    """Whether some texel of a tile differs by more than the tolerance. Of most tiles one is found
-    in the first rows that are compared, those in the middle."""
+def has_changed(before: NDArray[Any], now: NDArray[Any], tolerance: float) -> bool:
+    """Whether some texel of a tile, of float32 or half floats, differs by more than the tolerance.
+    Of most tiles one is found in the first rows that are compared, those in the middle."""
     middle = len(now) // 2
     firsts = chain(range(middle, len(now), _ROWS), range(0, middle, _ROWS))
     rows = (slice(first, first + _ROWS) for first in firsts)
-    return any(float(np.abs(now[some] - before[some]).max()) > tolerance for some in rows)
+    return any(_differ(before[some], now[some], tolerance) for some in rows)
+
+
+def _differ(before: NDArray[Any], now: NDArray[Any], tolerance: float) -> bool:
+    bits = f"u{now.itemsize}"
+    if np.array_equal(before.view(bits), now.view(bits)):  # numpy is slow at half floats
+        return False
+    return float(np.abs(np.subtract(now, before, dtype=np.float32)).max()) > tolerance

@@ -191,13 +191,14 @@ def read_frame(message: bytes, after: int, vertices: int, weights: int) -> LiveF
 
 def tile_message(
     number: int,
-    tile: NDArray[np.float32],
+    tile: NDArray[Any],
     header: TileHeader,
     format: str,
     scale: float,
     dropped: int,
 ) -> bytes:
-    """Return the message with one tile; raises QueryError where half floats cannot hold it.
+    """Return the message with one tile of float32, or of half floats where these are sent; raises
+    QueryError where half floats cannot hold it.
 
     dropped: frames that were replaced by newer ones since the last answer.
     """
@@ -207,7 +208,7 @@ def tile_message(
     )  # fmt: skip
     codes: NDArray[Any]
     if format == "f16":
-        codes = half_tile(tile)
+        codes = tile if tile.dtype == np.float16 else half_tile(tile)
     elif format == "u16":
         codes = quantise(tile, scale).astype("<u2", copy=False)
     else:

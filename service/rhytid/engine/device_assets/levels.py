@@ -20,8 +20,9 @@ from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.drawing import DeviceDrawing
 from rhytid.engine.device_assets.mesh import DeviceMesh
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
-from rhytid.engine.messages import MapQuery, Tile
-from rhytid.pipeline.levels import Levels, Part, coarser
+from rhytid.engine.messages import Halves, MapQuery, Tile
+from rhytid.formats.tiles import half_tile
+from rhytid.pipeline.levels import Levels, Part, coarser, read_halves
 from rhytid.pipeline.work import BLOCK, Square
 
 # Level-0 texels per side of a piece, the most that one task of the device draws. Wrinkles are drawn
@@ -185,6 +186,19 @@ class DeviceFinest:
             with self._drawn_parts(frame, query, udim, dict.fromkeys(missing)) as parts:
                 found.update(zip(missing, map(self._read, parts), strict=True))
         return [tile for tile in found.values() if tile is not None]
+
+    def half_tiles(
+        self, frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]
+    ) -> list[Halves]:
+        """As `tiles`, as half floats; raises QueryError where these cannot hold them."""
+        udim, places = addresses[0].udim, map(self._base.square, addresses)
+        held = {place: self._find_finest(frame, query, udim, place) for place in places}
+        with self._drawn_parts(frame, query, udim, held) as parts:
+            return [self._halves(part) for part in parts]
+
+    def _halves(self, part: Part) -> Halves:
+        found = read_halves(self._base.device, part.buffer, part.side)
+        return half_tile(self._read(part)) if found is None else found
 
     def pieces(self, query: MapQuery, udim: int, place: Square) -> list[Square]:
         """The pieces that a square of level 0 is drawn in, each in a task of its own. Safe from any

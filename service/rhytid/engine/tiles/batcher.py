@@ -13,13 +13,17 @@ from collections.abc import Callable, Hashable
 from concurrent.futures import Future
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from typing import Any
+
+from numpy.typing import NDArray
 
 from rhytid.domain.tiles import TileAddress
 from rhytid.domain.wording import waiting_requests
-from rhytid.engine.messages import Tile
 from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import BusyError, RhytidError
 
+# Float32, or half floats where the key says so.
+Tile = NDArray[Any]
 DrawTiles = Callable[[list[TileAddress]], list[Tile]]
 # The most tiles that one task draws: other tasks wait for the device, too.
 MOST_TILES = 16

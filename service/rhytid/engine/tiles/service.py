@@ -18,13 +18,23 @@ from rhytid.engine.assets.on_device import DeviceAssets
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import Frame
 from rhytid.engine.keys import map_key
-from rhytid.engine.messages import SLOPES, DrawnTile, MapQuery, Tile, TileDescription, TilePlan
+from rhytid.engine.messages import (
+    SLOPES,
+    DrawnTile,
+    HalfTile,
+    Halves,
+    MapQuery,
+    Tile,
+    TileDescription,
+    TilePlan,
+)
 from rhytid.engine.operations import Tiles
 from rhytid.engine.tiles.batcher import TileBatcher
 from rhytid.engine.tiles.maps import MapDrawing
 from rhytid.engine.tiles.slopes import SlopeDrawing
 from rhytid.errors import NotFoundError
 from rhytid.formats.tile_header import TileHeader
+from rhytid.formats.tiles import half_tile
 from rhytid.pipeline.bins import HEADROOM
 from rhytid.pipeline.elements import LineSources
 from rhytid.pipeline.reach import SCALE_LIMIT
@@ -76,6 +86,17 @@ class TileService(Tiles):
         if all(one is other for one, other in zip(before, after, strict=True)):
             return DrawnTile(tile, plan.description, plan.key)
         return DrawnTile(tile, plan.description, self._key_now(asset, frame, query, str(place)))
+
+    @override
+    def draw_half(
+        self, asset: str, frame: str | Frame, query: MapQuery, address: TileAddress
+    ) -> HalfTile:
+        found = self._assets.get(asset)
+        found.check_address(address)
+        drawn, name = found.frame(frame), frame if isinstance(frame, str) else ""
+        side = found.settings.grid.side_of(address)
+        draw = partial(self._half_tile, found, drawn, query, address, side)
+        return HalfTile(spent_on(query.method, draw), _header(found, name, query, address))
 
     def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
         """A whole level of a UDIM; raises what `plan` does."""
@@ -225,6 +246,23 @@ class TileService(Tiles):
             return self._on_device.found(asset).finest.tiles(frame, query, addresses)
 
         return self._on_device.using(asset, tile)
+
+    def _half_tile(
+        self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress, side: int
+    ) -> Halves:
+        udim, square = address.udim, (address.row * side, address.column * side, side)
+
+        def tile(resident: DeviceAsset) -> Halves | None:
+            if resident.levels.is_long(query, udim, square):
+                return None
+            key = (asset, frame.digest, query, udim, "half")
+            return self._batcher.tile(key, address, side, draw, asset.id)
+
+        def draw(addresses: list[TileAddress]) -> list[Halves]:
+            return self._on_device.found(asset).finest.half_tiles(frame, query, addresses)
+
+        found = self._on_device.using(asset, tile) if address.level == 0 else None
+        return half_tile(self._tile(asset, frame, query, address, side)) if found is None else found
 
 
 def displacement_scale(asset: Asset) -> float:

@@ -1,0 +1,49 @@
+"""Half floats that the device makes are those that numpy finds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rhytid.formats.tiles import OVERFLOW
+from rhytid.pipeline.levels import read_halves
+
+
+def read(device, values):
+    """Half floats of any numbers, fewer than 512²."""
+    flat = np.zeros(512 * 512, np.float32)
+    flat[: values.size] = values.reshape(-1)
+    found = read_halves(device, device.upload(flat), 512)
+    return None if found is None else found.reshape(-1)[: values.size]
+
+
+def same(device, values):
+    found = read(device, values)
+    return found.dtype == np.float16 and np.array_equal(
+        found.view(np.uint16), values.astype(np.float16).view(np.uint16)
+    )
+
+
+def test_every_half_float_and_what_lies_between_two_is_rounded_as_numpy_does(device):
+    every = np.arange(1 << 16, dtype=np.uint16).view(np.float16)
+    here = every[np.isfinite(every)]
+    low = here[here < here.max()]
+    between = (low.astype(np.float32) + np.nextafter(low, here.max())) / np.float32(2)
+    beside = [np.nextafter(between, np.float32(end)) for end in (-np.inf, np.inf)]
+    assert same(device, here.astype(np.float32))
+    assert all(same(device, values) for values in (between, *beside))
+    assert same(device, np.nextafter(np.float32([OVERFLOW, -OVERFLOW]), np.float32(0)))
+
+
+def test_numbers_of_any_size_are_rounded_as_numpy_does(device):
+    bits = np.random.default_rng(1).integers(0, 1 << 32, 1 << 18, dtype=np.uint32)
+    values = bits.view(np.float32)
+    assert same(device, values[np.abs(values) < OVERFLOW])
+
+
+@pytest.mark.parametrize("value", [OVERFLOW, -OVERFLOW, 3e38, -3e38, np.inf, -np.inf, np.nan])
+@pytest.mark.parametrize("place", [0, 17, 512 * 512 - 1])
+def test_what_half_floats_cannot_hold_is_found(device, value, place):
+    values = np.full(512 * 512, -0.125, np.float32)
+    values[place] = value
+    assert read(device, values) is None
