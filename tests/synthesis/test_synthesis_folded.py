@@ -15,6 +15,7 @@ from rhytid.domain.skin import REGIONS, regions
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.painted_fields import PaintedFields
+from rhytid.synthesis.patches import Patches
 from rhytid.synthesis.surface import Surface
 from synthesis import sheets
 
@@ -93,3 +94,23 @@ def test_few_expressions_say_less_of_directions_where_anatomy_is_fine(
         for anatomy in ("fine", "coarse")
     )
     assert np.array_equal(fine.edge_weight, coarse.edge_weight) == alike
+
+
+@pytest.mark.parametrize("patches", [0.0, 1.0])
+def test_no_spacing_of_a_triangle_is_below_what_is_known_of_it(patches: float) -> None:
+    settings = GraphSettings(spacing=0.02, patches=patches)
+    mask = np.linspace(0.0, 1.0, len(MESH.positions)).astype(np.float32)
+    masked = replace(folds(), regions={"lip": mask, "neck": mask[::-1].copy()})
+    known = PaintedFields(
+        SURFACE, settings, Controls({}), FoldField(MESH, SURFACE, masked),
+        Patches.of(SURFACE, settings, None),
+    )  # fmt: skip
+    triangle = np.repeat(np.flatnonzero(SURFACE.carries), 20)
+    share = np.random.default_rng(1).dirichlet(np.full(3, 0.3), len(triangle))
+    uv = np.einsum("nc,ncx->nx", share, SURFACE.uv[triangle]).astype(np.float32)
+    spacing, closest = known.spacing(triangle, uv), known.closest(triangle)
+    assert np.ptp(spacing) > 0.2
+    assert (closest <= spacing).all()
+    assert (closest >= np.float32(known.least_spacing)).all()
+    tight = 1.0 if patches == 0.0 else 0.7
+    assert np.mean(closest / spacing) > 0.95 * tight

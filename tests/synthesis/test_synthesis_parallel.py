@@ -58,6 +58,25 @@ def test_darts_are_kept_as_if_thrown_one_by_one(
     assert sorted(pores.position.tolist()) == sorted(wanted.tolist())
 
 
+@MESHES
+@pytest.mark.parametrize("fields", [Fields(), Wider()], ids=["even", "wider"])
+def test_darts_that_are_left_out_ahead_would_not_be_kept(
+    device: Device, make: Callable[[], Mesh], fields: Fields
+) -> None:
+    surface, found = Surface.of(make()), []
+    with Workspace(device) as work:
+        for sifts in (False, True):
+            darts = Darts(work, surface, fields, RADIUS, 5, 700)
+            sieve, looked_at, thrown = DartSelection(work, darts, RADIUS, fields, 5000.0), 0, 0
+            for turn in range(3):
+                for throw in darts.throws(turn, 2000 / darts.room, sieve if sifts else None):
+                    sieve.take(throw)
+                    looked_at, thrown = looked_at + throw.count, thrown + throw.of
+            assert (looked_at < 0.7 * thrown) if sifts else (looked_at == thrown)
+            found.append(sorted(sieve.points()[0].position.tolist()))
+    assert found[0] == found[1]
+
+
 def counting(work: Workspace, throw: Throw) -> tuple[NDArray[Any], ...]:
     """Places, normals and factors of the darts that count, in the order of their priorities."""
     count = throw.count

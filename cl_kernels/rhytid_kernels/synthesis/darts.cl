@@ -1,5 +1,5 @@
 // Darts on the surface, uniform by area: those of each triangle by a word of its own.
-#include "points.clh"
+#include "rooms.clh"
 #include "random.clh"
 
 inline uint reversed(uint bits)
@@ -10,23 +10,25 @@ inline uint reversed(uint bits)
     return as_uint(as_uchar4(bits).wzyx);
 }
 
-// Of each triangle every `parts`-th dart from number firsts[] on.  rate: darts to an area.  ends:
-// where the darts of each triangle end in this throw.  phase, key: words of each.  area: of each.
-// corners: a place and two sides.  normals: those of the corners.  uvs: of every triangle, UDIM
-// origin and three corners from there.  A dart outside the UDIMs has triangle -1.  level: how much
-// of the darts of its triangle that come before it, in darts of an even spacing of factor 1.
-__kernel void throw_darts(int first, int count, uint turn, uint seed, uint parts, float rate,
-                          int triangles, __global const int *ends, __global const uint *firsts,
-                          __global const uint *phase, __global const uint *key,
-                          __global const float *area, __global const int *index,
-                          __global const int *corners, __global const float *normals,
-                          __global const float8 *uvs, __global int *triangle,
-                          __global int *place, __global float *normal, __global float2 *uv,
-                          __global uint *priority, __global float *level)
+// A dart of the row-th triangle, its number there, and a random word.
+typedef struct {
+    int row;
+    uint number, word;
+    int3 place;
+    float3 normal;
+    float2 uv;
+} dart_t;
+
+// Of each triangle every `parts`-th dart from number firsts[] on; this is the i-th of all.  ends:
+// where the darts of each triangle end in this throw.  key: a word of each.  corners: a place and two
+// sides.  normals: those of the corners.  uvs: of every triangle, UDIM origin and three corners from
+// there; index: which of them.
+inline dart_t dart_of(int i, uint turn, uint seed, uint parts, int triangles,
+                      __global const int *ends, __global const uint *firsts,
+                      __global const uint *key, __global const int *index,
+                      __global const int *corners, __global const float *normals,
+                      __global const float8 *uvs)
 {
-    int i = first + get_global_id(0);
-    if (i >= count)
-        return;
     int low = 0, high = triangles - 1;
     while (low < high) {
         int middle = (low + high) / 2;
@@ -35,9 +37,12 @@ __kernel void throw_darts(int first, int count, uint turn, uint seed, uint parts
         else
             low = middle + 1;
     }
+    dart_t dart;
+    dart.row = low;
     int before = low > 0 ? ends[low - 1] : 0;
-    uint number = firsts[low] + (uint)(i - before) * parts;
-    uint4 r = random4(key[low], number, turn, seed);
+    dart.number = firsts[low] + (uint)(i - before) * parts;
+    uint4 r = random4(key[low], dart.number, turn, seed);
+    dart.word = r.x;
     // Barycentric coordinates in units of 2^-31; the half beyond the diagonal is folded back.
     uint a = r.y >> 1, b = r.z >> 1, one = 1u << 31;
     if (a + b > one) {
@@ -47,16 +52,67 @@ __kernel void throw_darts(int first, int count, uint turn, uint seed, uint parts
     long3 side1 = convert_long3(vload3(3 * low + 1, corners));
     long3 side2 = convert_long3(vload3(3 * low + 2, corners));
     int3 offset = convert_int3((side1 * (long)a + side2 * (long)b) >> 31);
-    vstore3(vload3(3 * low, corners) + offset, i, place);
+    dart.place = vload3(3 * low, corners) + offset;
     float s = a * 0x1p-31f, t = b * 0x1p-31f;
     float8 map = uvs[index[low]];
-    float2 at = map.s01 + (map.s23 + ((map.s45 - map.s23) * s + (map.s67 - map.s23) * t));
-    bool inside = at.x >= 0.0f && at.y >= 0.0f && at.x < 10.0f;
-    triangle[i] = inside ? index[low] : -1;
-    uv[i] = at;
-    vstore3(vload3(3 * low, normals) * (1.0f - s - t) + vload3(3 * low + 1, normals) * s +
-                vload3(3 * low + 2, normals) * t,
-            i, normal);
-    priority[i] = reversed(number + phase[low]);
-    level[i] = ((float)number + unit_interval(r.x)) / (rate * area[low]);
+    dart.uv = map.s01 + (map.s23 + ((map.s45 - map.s23) * s + (map.s67 - map.s23) * t));
+    dart.normal = vload3(3 * low, normals) * (1.0f - s - t) + vload3(3 * low + 1, normals) * s +
+                  vload3(3 * low + 2, normals) * t;
+    return dart;
+}
+
+inline bool within_udims(float2 uv)
+{
+    return uv.x >= 0.0f && uv.y >= 0.0f && uv.x < 10.0f;
+}
+
+// How much of the darts of its triangle come before one, in darts of an even spacing of factor 1.
+inline float level_of(const dart_t *dart, float rate, __global const float *area)
+{
+    return ((float)dart->number + unit_interval(dart->word)) / (rate * area[dart->row]);
+}
+
+// may: 0 for a dart that does not count, or that a pore is too close to, whatever its factor. least: of
+// each triangle what no factor there is below. Other arguments as of throw_darts and find_room.
+__kernel void sift_darts(int first, int count, uint turn, uint seed, uint parts, float rate,
+                         int triangles, __global const int *ends, __global const uint *firsts,
+                         __global const uint *key, __global const float *area,
+                         __global const int *index, __global const int *corners,
+                         __global const float *normals, __global const float8 *uvs,
+                         __global const float *least, int cell, uint mask,
+                         __global const int *head, __global const int *pores, float scale,
+                         __global uchar *may)
+{
+    int i = first + get_global_id(0);
+    if (i >= count)
+        return;
+    dart_t dart = dart_of(i, turn, seed, parts, triangles, ends, firsts, key, index, corners,
+                          normals, uvs);
+    float factor = least[dart.row];
+    may[i] = within_udims(dart.uv) && counts(level_of(&dart, rate, area), factor) &&
+              has_room(dart.place, dart.normal, factor, cell, mask, head, pores, scale);
+}
+
+// Of the darts of a throw those listed.  rate: darts to an area.  phase: a word of each triangle.
+// area: of each.  Other arguments as of dart_of.  A dart outside the UDIMs has triangle -1.
+__kernel void throw_darts(int first, int count, uint turn, uint seed, uint parts, float rate,
+                          int triangles, __global const int *ends, __global const uint *firsts,
+                          __global const uint *key, __global const float *area,
+                          __global const int *index, __global const int *corners,
+                          __global const float *normals, __global const float8 *uvs,
+                          __global const uint *phase, __global const int *listed,
+                          __global int *triangle, __global int *place, __global float *normal,
+                          __global float2 *uv, __global uint *priority, __global float *level)
+{
+    int k = first + get_global_id(0);
+    if (k >= count)
+        return;
+    dart_t dart = dart_of(listed[k], turn, seed, parts, triangles, ends, firsts, key, index, corners,
+                          normals, uvs);
+    triangle[k] = within_udims(dart.uv) ? index[dart.row] : -1;
+    vstore3(dart.place, k, place);
+    vstore3(dart.normal, k, normal);
+    uv[k] = dart.uv;
+    priority[k] = reversed(dart.number + phase[dart.row]);
+    level[k] = level_of(&dart, rate, area);
 }

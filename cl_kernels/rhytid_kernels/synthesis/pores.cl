@@ -1,17 +1,9 @@
-// Poisson-disk sampling by darts, many at a time. Two points are too close where their distance is
-// below the radius times the mean of their spacing factors.
-#include "points.clh"
+// Poisson-disk sampling by darts, many at a time.
+#include "rooms.clh"
 
 #define WAITING 0
 #define KEPT 1
 #define DROPPED 2
-
-inline bool too_close(int3 p, int3 q, float one, float other, float scale)
-{
-    float3 d = between(p, q, scale);
-    float limit = 0.5f * (one + other);
-    return dot(d, d) < limit * limit;
-}
 
 // Pores are read as one line of the cache each: place, factor, normal, and the next of the list.
 inline int8 record_of(int3 place, float factor, float3 normal)
@@ -27,8 +19,7 @@ inline void keep_pore(int pore, int8 record, int cell, uint mask, __global int *
     pores[pore] = record;
 }
 
-// room: 1 for a dart that no pore is too close to. scale: 1/radius. level: of a dart; where skin has
-// fewer pores, those of a higher level than one over the squared factor are none.
+// room: 1 for a dart that counts and that no pore is too close to. scale: 1/radius. level: of a dart.
 __kernel void find_room(int first, int count, __global const int *triangle,
                         __global const int *place, __global const float *normal,
                         __global const float *factor, __global const float *level, int cell,
@@ -38,17 +29,9 @@ __kernel void find_room(int first, int count, __global const int *triangle,
     int i = first + get_global_id(0);
     if (i >= count)
         return;
-    int3 p = vload3(i, place);
-    float3 n = vload3(i, normal);
-    bool hit = triangle[i] < 0 || level[i] * factor[i] * factor[i] >= 1.0f;
-    around_t around = cells_around(p, cell);
-    FOR_NEAR(j, around, !hit, pores[8 * j + 7])
-    {
-        __global const int *pore = pores + 8 * j;
-        hit = too_close(p, vload3(0, pore), factor[i], as_float(pore[3]), scale) &&
-              same_sheet(n, as_float3(vload3(0, pore + 4)));
-    }
-    room[i] = !hit;
+    room[i] = triangle[i] >= 0 && counts(level[i], factor[i]) &&
+              has_room(vload3(i, place), vload3(i, normal), factor[i], cell, mask, head, pores,
+                       scale);
 }
 
 // One round over the darts listed[first..count): a dart goes where an earlier one that is too close

@@ -59,6 +59,10 @@ class Fields:
         """Factor of the distance between pores."""
         return np.ones(len(triangle), np.float32)
 
+    def closest(self, triangle: NDArray[Any]) -> Factors:
+        """(N,) factors that `spacing` is nowhere below in triangles (N,)."""
+        return np.full(len(triangle), self.least_spacing, np.float32)
+
     def bare(self, triangle: NDArray[Any], uv: NDArray[Any]) -> NDArray[np.bool_]:
         """Whether skin is bare, that is without pores: (N,) bool."""
         return np.zeros(len(triangle), np.bool_)

@@ -38,6 +38,8 @@ _FOLDED_SWAY = 0.5
 _PAINTED_HOLD = 1.0
 # The `looks` of fields with patches, the smallest of which are 2 mm wide.
 _PATCHED_LOOKS = 0.5
+# More than what density is rounded by on its way to the spacing.
+_SLACK = 1.0 + 1e-5
 _FACTORS = ("density", "strength", "anisotropy", "scale", "pore_radius")
 # What regions have that is no factor, and mixed as it is.
 _PLAIN = ("turn", "crossed", "rings")
@@ -128,6 +130,20 @@ class PaintedFields(Fields):
             amount = np.full(1, self._settings.patches, np.float32)
             density *= self._patches.factor("density", amount, triangle, uv)
         return self._spacing_of(density)
+
+    def closest(self, triangle: NDArray[Any]) -> Factors:
+        """(N,) factors that `spacing` is nowhere below in triangles (N,): by the regions of folds;
+        where density or regions are painted, the least of all."""
+        least = super().closest(triangle)
+        planes = self._planes_of("density")
+        if planes is None or self._regions or "density" in self._maps:
+            return least
+        density = np.exp(planes[4, triangle])
+        if self._patches is not None:
+            density *= self._patches.bounds("density", self._settings.patches)[1]
+        found = self._spacing_of((density * _SLACK).astype(np.float32)) / np.float32(_SLACK)
+        closest: Factors = np.maximum(found, least)
+        return closest
 
     def _density(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of pores by area, without patches."""
@@ -339,15 +355,23 @@ class PaintedFields(Fields):
     def _region(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """A factor (or one of _PLAIN) of the regions, mixed by their masks: factors by their
         logarithms."""
-        values = {region: _value(self._skin[region], name) for region in self._names_of_regions()}
-        if name not in self._planes:
-            self._planes[name] = self._mixed(values)
+        values = self._values_of(name)
+        planes = self._planes_of(name)
         if not self._regions and not self._masks:
             # As an array, so that it is rounded as where a mask of black is painted.
             base = np.full(1, values[self._settings.region], np.float32)
             return np.repeat(np.asarray(_meant(base, name)), len(triangle))
-        mixed = self._masked(values, self._planes[name], triangle, uv)
+        mixed = self._masked(values, planes, triangle, uv)
         return np.asarray(_meant(mixed, name), np.float32)
+
+    def _values_of(self, name: str) -> dict[str, float]:
+        return {region: _value(self._skin[region], name) for region in self._names_of_regions()}
+
+    def _planes_of(self, name: str) -> Planes | None:
+        """`_mixed` of what `_region` has by this name."""
+        if name not in self._planes:
+            self._planes[name] = self._mixed(self._values_of(name))
+        return self._planes[name]
 
     def _masked(
         self,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from rhytid.device.buffer import Buffer
 from rhytid.synthesis.fields import Fields
@@ -32,9 +32,16 @@ DARTS = (2.0, 3.0, 4.0, 5.0, 6.0)
 # Darts thrown at a time: as many as there will be pores, within these. Fewer would lie so far apart
 # that none finds in the cache what another has read.
 BATCH, MOST_AT_A_TIME = 1 << 20, 1 << 23
+# As many times more once most pores are there: few of these darts are more than looked at.
+_LATER = 2
 # A pore this much beyond the radius is still too close: what the device rounds.
 _ROUNDING = 1.0 + 1e-6
 _SPARE = 1024
+# Numbers of each dart of a throw by name, and their kind.
+_OF_DARTS: dict[str, tuple[int, DTypeLike]] = {
+    "triangle": (1, np.int32), "place": (3, np.int32), "normal": (3, np.float32),
+    "uv": (2, np.float32), "priority": (1, np.uint32), "level": (1, np.float32),
+}  # fmt: skip
 
 
 def scatter_pores(
@@ -80,10 +87,10 @@ def scatter_around(
         every = sum(DARTS) * a_room * darts.room
         done = 0
         for turn, share in enumerate(DARTS):
-            for thrown in darts.throws(turn, share * a_room):
+            for thrown in darts.throws(turn, share * a_room, selection):
                 progress(min(done / every, 1.0), "pores")
                 selection.take(thrown)
-                done += thrown.count
+                done += thrown.of
         points, order = selection.points()
     place = np.argsort(order)[: 0 if first is None else len(first)]
     return points, place.astype(np.int32)
@@ -119,16 +126,21 @@ class DartSelection:
         )  # fmt: skip
         triangle, place, normal, uv, factors = (upload(array) for array in arrays)
         none = upload(np.zeros(count, np.uint32))
-        throw = Throw(count, triangle, place, normal, uv, factors, none, none)
+        throw = Throw(count, count, triangle, place, normal, uv, factors, none, none)
         self._add(throw, np.arange(count, dtype=np.int32))
         self._work.release(triangle, place, normal, uv, factors, none)
+
+    @property
+    def lists(self) -> tuple[Any, ...]:
+        """The arguments of kernels that look for pores that are too close."""
+        return self._cell, *self._kept.lists, self._scale
 
     def take(self, darts: Throw) -> None:
         """Keep those darts of a throw that fit."""
         room = self._work.empty(darts.count, np.uint8)
         self._work.run(
             "pores", "find_room", darts.count, darts.triangle, darts.place, darts.normal,
-            darts.factor, darts.level, self._cell, *self._kept.lists, self._scale, room,
+            darts.factor, darts.level, *self.lists, room,
         )  # fmt: skip
         fitting = np.flatnonzero(self._work.read(room, (darts.count,), np.uint8))
         self._work.release(room)
@@ -219,7 +231,7 @@ class _Kept:
 
 @dataclass(frozen=True, eq=False)
 class Throw:
-    """N darts on the device; the next throw overwrites them.
+    """N darts on the device, of so many that were thrown; the next throw overwrites them.
 
     triangle (N,) int32, -1 for a dart outside the UDIMs or on bare skin.  place (N, 3) int32 on the
     lattice.  normal (N, 3) float32, not of unit length.  uv (N, 2) float32.  factor (N,) float32:
@@ -228,6 +240,7 @@ class Throw:
     """
 
     count: int
+    of: int
     triangle: Buffer
     place: Buffer
     normal: Buffer
@@ -258,6 +271,7 @@ class Darts:
         self._area, self._key = area.astype(np.float32), triangle_keys(surface.uv[carriers])
         self._work, self._fields, self._seed = work, fields, np.uint32(seed)
         self._even = fields.least_spacing == fields.most_spacing == 1.0
+        self._least = work.upload(fields.closest(carriers))
         self._limit = most
         places = self.lattice.places(surface.corners[carriers])
         places[:, 1:] -= places[:, :1]
@@ -269,52 +283,72 @@ class Darts:
                 map_corners(surface.uv),
             )
         )  # fmt: skip
-        made = {"triangle": (1, np.int32), "place": (3, np.int32), "normal": (3, np.float32)}
-        made |= {"uv": (2, np.float32), "priority": (1, np.uint32), "level": (1, np.float32)}
-        self._made = {name: work.empty(most * n, kind) for name, (n, kind) in made.items()}
-        self._factor, self._where = work.full(most, np.float32(1.0)), work.empty(1, np.int32)
+        self._made: dict[str, Buffer] = {}
 
-    def throws(self, turn: int, rate: float) -> Iterator[Throw]:
+    def throws(self, turn: int, rate: float, among: DartSelection | None = None) -> Iterator[Throw]:
         """Throw `rate` darts per area of even skin, in as many throws as needed, those of lower
-        priority first. Another `turn` gives other darts."""
+        priority first. Another `turn` gives other darts.
+
+        among: the pores so far; darts that are surely too close to them are left out.
+        """
         expected = np.float32(rate) * self._area
         counts = np.ceil(expected * self._most).astype(np.int64)
         phase = random4(self._key, turn, self._seed, _PHASE)[0]
         parts = 1
         while max(shared_out(counts, phase, part, parts)[1].sum() for part in range(parts)) > (
-            self._limit
+            self._limit * (_LATER if turn else 1)
         ):
             parts *= 2
         phases = self._work.upload(phase)
         for part in range(parts):
             first, amounts = shared_out(counts, phase, part, parts)
-            yield self._throw(turn, rate, parts, first, amounts, phases)
+            ends, starts = (
+                self._work.upload(numbers)
+                for numbers in (np.cumsum(amounts).astype(np.int32), first)
+            )
+            each = (
+                np.uint32(turn), self._seed, np.uint32(parts), float(rate), len(amounts), ends,
+                starts, *self._tables,
+            )  # fmt: skip
+            yield self._thrown(int(amounts.sum()), each, phases, among)
+            self._work.release(ends, starts)
         self._work.release(phases)
 
-    def _throw(
-        self,
-        turn: int,
-        rate: float,
-        parts: int,
-        first: Words,
-        amounts: NDArray[np.int64],
-        phases: Buffer,
+    def _thrown(
+        self, every: int, each: tuple[Any, ...], phases: Buffer, among: DartSelection | None
     ) -> Throw:
-        """Every `parts`-th dart of each triangle: `amounts` (C,) of them from `first` (C,) on."""
-        made, work, count = self._made, self._work, int(amounts.sum())
-        ends, starts = work.upload(np.cumsum(amounts).astype(np.int32)), work.upload(first)
+        """Darts of a throw of `every`.  each: arguments of kernels that say where one is."""
+        if among is None:
+            chosen = np.arange(every, dtype=np.int32)
+        else:
+            chosen = self._sifted(every, each, among)
+        work, count = self._work, len(chosen)
+        work.release(*self._made.values())
+        self._made = made = {
+            name: work.empty(count * n, kind) for name, (n, kind) in _OF_DARTS.items()
+        }
+        listed = work.upload(chosen)
         work.run(
-            "darts", "throw_darts", count, np.uint32(turn), self._seed, np.uint32(parts),
-            float(rate), len(amounts), ends, starts, phases, *self._tables, made["triangle"],
+            "darts", "throw_darts", count, *each, phases, listed, made["triangle"],
             made["place"], made["normal"], made["uv"], made["priority"], made["level"],
         )  # fmt: skip
-        work.release(ends, starts)
+        work.release(listed)
         if self._even and not self._fields.some_bare:
-            return Throw(count, factor=self._factor, **made)
-        work.release(self._factor, self._where)
-        factor, where = self._looked_up(count)
-        self._factor, self._where = work.upload(factor), work.upload(where)
-        return Throw(count, factor=self._factor, **{**made, "triangle": self._where})
+            made["factor"] = work.full(count, np.float32(1.0))
+        else:
+            factor, where = self._looked_up(count)
+            work.release(made["triangle"])
+            made["factor"], made["triangle"] = work.upload(factor), work.upload(where)
+        return Throw(count, every, **made)
+
+    def _sifted(self, every: int, each: tuple[Any, ...], among: DartSelection) -> NDArray[np.int32]:
+        """The darts of a throw that may have room among pores. Most have none whatever the spacing
+        is where they lie, which takes longer to look up."""
+        found = self._work.empty(every, np.uint8)
+        self._work.run("darts", "sift_darts", every, *each, self._least, *among.lists, found)
+        may = self._work.read(found, (every,), np.uint8)
+        self._work.release(found)
+        return np.flatnonzero(may).astype(np.int32)
 
     def _looked_up(self, count: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
         """Factors of darts, and their triangles, -1 for those on bare skin."""
