@@ -239,6 +239,23 @@ def test_a_bake_that_was_ended_counts_as_a_device(engine: FakeEngine, tmp_path: 
     assert mixed(bake(engine, tmp_path, values, part="2")) == ["devices-mixed"]
 
 
+def test_a_mark_that_another_part_took_away_comes_back(engine: FakeEngine, tmp_path: Path) -> None:
+    values = [0.0625 * k for k in range(1, 13)]
+    ended = baker(engine, tmp_path, values, part="1-11")
+
+    def shown(places: Sequence[FramePlace]) -> Iterator[FramePlace]:
+        yield places[0]
+        [mark] = tmp_path.glob("face.device.*.json")
+        mark.unlink()  # as a part does that ends before a record names the device
+        yield from places[1:-1]
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ended.write(ended.frames.places[:11], shown(ended.frames.places[:11]))
+    engine.revision = 1
+    assert mixed(bake(engine, tmp_path, values, part="12")) == ["devices-mixed"]
+
+
 def test_mixed_devices_are_an_error_where_strict(engine: FakeEngine, tmp_path: Path) -> None:
     bake(engine, tmp_path, [0.5, 0.25], part="1")
     engine.revision = 1

@@ -15,17 +15,30 @@ LENGTH = 0.35
 RED, AROUND, WIDE = 0.9, 2.4, 2.5
 
 
-def strip(full: float = 0.0) -> Mesh:
-    """A square of 8 cm in the plane z = 0, whose lips meet at y = 0 and stand out so far, cm."""
+def strip(full: float = 0.0, slit: bool = False) -> Mesh:
+    """A square of 8 cm in the plane z = 0, whose lips meet at y = 0 and stand out so far, cm.
+
+    slit: whether they part there, each with vertices of its own.
+    """
     line = np.linspace(-4.0, 4.0, 81)
-    x, y = np.meshgrid(line, line)
+    # Closer rows above, so that the lips are not alike.
+    x, y = np.meshgrid(line, np.concatenate([line[:40], np.linspace(0.0, 4.0, 61)]))
     red = np.maximum(border(x), 1e-3)
     across = np.clip(np.abs(y) / red, 0.0, 1.0)
     z = full * (red / RED) * 4.0 * across * (1.0 - across)
     positions = np.stack([x, y, z], axis=-1).reshape(-1, 3)
-    i, j = np.meshgrid(np.arange(80), np.arange(80))
+    i, j = np.meshgrid(np.arange(80), np.arange(100))
     a = (j * 81 + i).ravel()
     faces = np.concatenate([np.stack([a, a + 1, a + 82], 1), np.stack([a, a + 82, a + 81], 1)])
+    if slit:
+        torn = np.flatnonzero(
+            (np.abs(positions[:, 1]) < 1e-6) & (np.abs(positions[:, 0]) < WIDE - 0.05)
+        )
+        upper = np.arange(len(positions))
+        upper[torn] = len(positions) + np.arange(len(torn))
+        above = positions[faces, 1].mean(axis=1) > 0.0
+        faces = np.where(above[:, None], upper[faces], faces)
+        positions = np.concatenate([positions, positions[torn]])
     return Mesh(positions.astype(np.float32), faces, positions[:, :2] / 10 + 0.5, faces)
 
 
@@ -56,9 +69,10 @@ def pucker() -> np.ndarray:
     return np.clip(1.0 - 0.6 * np.maximum(np.abs(Y) - 0.7 * RED, 0), 0, 1)
 
 
-def pursed() -> np.ndarray:
-    """All around a mouth with corners: three quarters at the border."""
-    return np.clip(1.0 - 0.25 * ((X / WIDE) ** 6 + (Y / RED) ** 2), 0.0, 1.0)
+def pursed(mesh: Mesh) -> np.ndarray:
+    """All around a mouth with corners: three quarters at the border and at these."""
+    x, y = mesh.positions[:, 0].astype(float), mesh.positions[:, 1].astype(float)
+    return np.clip(1.0 - 0.25 * ((x / WIDE) ** 6 + (y / RED) ** 2), 0.0, 1.0)
 
 
 def masks(anatomy: str, names: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -91,27 +105,31 @@ def test_the_lip_ends_at_the_border_of_what_rolls_in() -> None:
     assert (lip[np.abs(X) > 3.3] == 0.0).all()
 
 
-def by_form(full: float) -> np.ndarray | None:
-    mesh = strip(full)
-    return full_share(mesh, Diffusion(mesh, LENGTH, np.arange(len(X))), pursed())
+def by_form(mesh: Mesh) -> np.ndarray | None:
+    surface = Diffusion(mesh, LENGTH, np.arange(len(mesh.positions)))
+    return full_share(mesh, surface, pursed(mesh))
 
 
 @pytest.mark.parametrize("full", [0.2, 0.4])
-def test_full_lips_end_where_their_form_does(full: float) -> None:
-    lip = by_form(full)
+@pytest.mark.parametrize("slit", [False, True])
+def test_full_lips_end_where_their_form_does(full: float, slit: bool) -> None:
+    mesh = strip(full, slit)
+    lip = by_form(mesh)
     assert lip is not None
+    across, height = mesh.positions[:, 0], mesh.positions[:, 1]
     for x in (0.0, 0.8, -1.5, 2.0):
-        y, share = np.abs(Y[np.abs(X - x) < 0.01]), lip[np.abs(X - x) < 0.01]
+        column = np.abs(across - x) < 0.01
+        y, share = np.abs(height[column]), lip[column]
         ends = border(np.array(x))
         assert (share[y < ends - 0.3] > 0.95).all(), x
         assert (share[y > ends + 0.1] == 0.0).all(), x
         assert ends - 0.3 < y[share > 0.5].max() < ends + 0.05, x
-    assert (lip[np.abs(X) > WIDE + 0.2] == 0.0).all()
+    assert (lip[np.abs(across) > WIDE + 0.2] == 0.0).all()
 
 
 def test_flat_lips_show_no_border() -> None:
-    assert by_form(0.0) is None
-    assert by_form(0.02) is None
+    assert by_form(strip()) is None
+    assert by_form(strip(0.02)) is None
 
 
 def test_fine_masks_follow_the_form_before_what_rolls_in() -> None:
@@ -119,7 +137,7 @@ def test_fine_masks_follow_the_form_before_what_rolls_in() -> None:
     found = RegionMasks(mesh)
     no_folds = np.zeros((len(mesh.faces), 3), np.float32)
     # It rolls half of the lip alone, and carries the other.
-    for name, motion in (("mouthPucker", pursed()), ("mouthRollUpper", roll(1.0) * (X > 0))):
+    for name, motion in (("mouthPucker", pursed(MESH)), ("mouthRollUpper", roll(1.0) * (X > 0))):
         positions = mesh.positions.copy()
         positions[:, 2] -= motion.astype(np.float32)
         found.add(name, positions, no_folds)
@@ -141,8 +159,8 @@ def test_vertices_that_are_one_are_no_gap_in_a_border() -> None:
     uv = np.concatenate([mesh.uv, mesh.uv[torn]])
     split = Mesh(np.concatenate([mesh.positions, mesh.positions[torn]]), faces, uv, faces)
     one = np.concatenate([np.arange(len(X)), torn])
-    whole = full_share(mesh, Diffusion(mesh, LENGTH, np.arange(len(X))), pursed())
-    found = full_share(split, Diffusion(split, LENGTH, one), pursed()[one])
+    whole = full_share(mesh, Diffusion(mesh, LENGTH, np.arange(len(X))), pursed(mesh))
+    found = full_share(split, Diffusion(split, LENGTH, one), pursed(mesh)[one])
     assert whole is not None
     assert found is not None
     np.testing.assert_allclose(found, whole[one], atol=1e-6)

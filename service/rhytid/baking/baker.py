@@ -111,7 +111,9 @@ class Baker:
         surface = self._due_surface(frame, plans)
         due = {udim: self._due_maps(frame, plan) for udim, plan in plans.items()}
         if surface or any(due.values()):
-            self._marked()  # by now: a bake that is killed has files of this device, too
+            # By now, for a bake that is killed has files of this device, too; and for each frame,
+            # since a part that ends takes marks away that no record names yet.
+            self.output.leave_mark(self.engine.tiles.drawn_by)
         together = sum(self._map_bytes(one) for one in due.values())
         held = writers.hold(together) if surface else None
         found, drawn = [], {}
@@ -138,10 +140,6 @@ class Baker:
     @cached_property
     def _mesh_facts(self) -> Callable[[], Facts]:
         return once(partial(mesh_facts, self.mesh))
-
-    @cached_property
-    def _marked(self) -> Callable[[], Path]:
-        return once(lambda: self.output.leave_mark(self.engine.tiles.drawn_by))
 
     def _map_bytes(self, due: Sequence[_DueMap]) -> int:
         """Bytes of a map until its files, one after another, are written. Those that are copied

@@ -52,10 +52,11 @@ class ProgramsAhead:
         drew after a load of the same programs stay."""
         self._device.programs.begin_noting()
         yield
-        found = self._used()
-        self._looked = len(self._device.programs.noted)
-        if found != [one for one in self._known if not _drew(one)]:
-            self._note(found)
+        with self._lock:
+            found = self._used()
+            self._looked = len(self._device.programs.noted)
+            if found != [one for one in self._known if not _drew(one)]:
+                self._note(found)
 
     def note_drawn(self) -> None:
         """Remember what drawing has needed beside that; to be called after anything was drawn."""

@@ -19,13 +19,13 @@ the face, as a cheek that bulges, and no fold. Of T what is above 0.5, t, is a f
 share 0.9 (1 − (1 + t)^(−1/4)) of each compression, and leave stretch as it is.
 
 So lines keep a tenth at least. The power is a quarter because of what moves: c and κ' − κ both grow
-with an expression, so that T grows with its fourth power, and what is left of c grows with it all
-the way, ever more slowly. A share that grows faster has lines that go deep and fade again on the
-way to an expression, which is a flash in motion, though no still shows it. What moves rigidly has
-no folds. The share is continuous in the frame and over the surface; it hangs on space alone, not on
-UV, and on what is near. Curvature is that of the normals of the vertices (Rusinkiewicz 2004), which
-see a third of that of a fold three edges long. Finer meshes are smoothed to see no more, as far as
-`_MOST_ROUNDS` reaches: to edges of 1.4 mm.
+with an expression, so that T grows with its fourth power, and what is left of c grows with it
+nearly all the way, ever more slowly. A share that grows faster has lines that go deep and fade
+again on the way to an expression, which is a flash in motion, though no still shows it. What moves
+rigidly has no folds. The share is continuous in the frame and over the surface; it hangs on space
+alone, not on UV, and on what is near. Curvature is that of the normals of the vertices
+(Rusinkiewicz 2004), which see a third of that of a fold three edges long. Finer meshes are smoothed
+to see no more, as far as `_MOST_ROUNDS` reaches: to edges of 1.4 mm.
 """
 
 from __future__ import annotations

@@ -74,6 +74,9 @@ _FULL, _FORM = (0.2, 0.66), 0.3
 # Of the motion in a pucker: where a lip can begin and can be whole, and from where on there is no
 # other skin, at the slit and its corners, which are not full.
 _PURSED, _SLIT = (0.5, 0.66), 0.86
+# One lip has at least this share of the other. Where an open mouth parts them they join at its
+# corners alone, where a pucker may move them less than at the slit.
+_OTHER_LIP = 0.25
 # The form tells the border where so much of it at least is full.
 _TOLD = 0.5
 # Of the motion in a pucker and of an open jaw: where the mouth and the chin begin and are whole.
@@ -245,12 +248,12 @@ def full_share(mesh: Mesh, surface: Diffusion, pucker: FloatArray) -> FloatArray
     near = ramp(pucker, *_PURSED)
     full = near * ramp(surface.bent(_FORM) * surface.sigma, *_FULL)
     edges = surface.edges
-    lips = _largest(surface.as_one((full >= 0.5) | (pucker >= _SLIT)), edges)
+    lips = _largest(surface.as_one((full >= 0.5) | (pucker >= _SLIT)), edges, _OTHER_LIP)
     skin = _largest(~lips, edges)
     told = (lips & _touched(skin, edges))[surface.one]
     if not told.any() or np.mean(full[told] >= 0.5) < _TOLD:
         return None
-    within = _largest(~skin, edges)
+    within = _largest(~skin, edges, _OTHER_LIP)
     border = np.where(_touched(within, edges)[surface.one], full, 0.0)
     share: FloatArray = np.maximum(border, within[surface.one])
     return share
@@ -286,13 +289,16 @@ def _of_most_near(places: FloatArray, motion: FloatArray, reach: float) -> Float
     return found
 
 
-def _largest(chosen: NDArray[np.bool_], edges: NDArray[np.integer]) -> NDArray[np.bool_]:
-    """(C,) the largest connected part of what is chosen (C,)."""
+def _largest(
+    chosen: NDArray[np.bool_], edges: NDArray[np.integer], least: float = 1.0
+) -> NDArray[np.bool_]:
+    """(C,) the largest connected part of what is chosen (C,), and those of at least this share of
+    its size."""
     kept, count = edges[chosen[edges].all(axis=1)], len(chosen)
     graph = scipy.sparse.coo_matrix((np.ones(len(kept)), kept.T), shape=(count, count))
     part = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-    sizes = np.bincount(part[chosen], minlength=1)
-    found: NDArray[np.bool_] = chosen & (part == sizes.argmax())
+    sizes = np.bincount(part[chosen], minlength=part.max() + 1)
+    found: NDArray[np.bool_] = chosen & (sizes[part] >= least * sizes.max())
     return found
 
 

@@ -203,6 +203,7 @@ class DeviceFrames:
                 del asked[next(iter(asked))]
         squares, before = asked[frame.digest]
         squares.add(square)
+        # Without wrinkles no tile is alone: kernels of some elements read the last of all.
         few = max(len(squares), before) <= base.elements[udim].wrinkles // _SQUARE
         return square if few else None
 
