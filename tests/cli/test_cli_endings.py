@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 
 import pytest
@@ -51,6 +54,17 @@ def test_errors_are_1_and_one_line(
     line = capsys.readouterr().err
     assert line.startswith(f"rhytid devices: {told}")
     assert line.count("\n") == 1
+
+
+def test_a_reader_that_has_ended_is_141_and_no_error() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer) as output:
+        done = subprocess.run(
+            [sys.executable, "-m", "rhytid", "warnings"],
+            stdout=output, stderr=subprocess.PIPE, timeout=60, check=False,
+        )  # fmt: skip
+    assert (done.returncode, done.stderr) == (141, b"")
 
 
 def test_interrupted_is_130(ending: Ending, capsys: pytest.CaptureFixture[str]) -> None:

@@ -27,6 +27,8 @@ written beside the maps. The layer goes among the sublayers of a scene; at every
 map of that number."""
 # Names of a bake have no dots: other files of it do, before the UDIM.
 _FILE = re.compile(r"([^.]+)\.([0-9]{4})\.([^.]+)\.exr", re.ASCII)
+# So many frames are named one by one in an error.
+_FEW = 6
 _PRIM = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+", re.ASCII)
 
 
@@ -116,7 +118,8 @@ def found(arguments: argparse.Namespace) -> Look:
     frames = sorted({frame for _, frame in maps}, key=_order)
     if arguments.frame is not None:
         if arguments.frame not in frames:
-            raise InputError(f"{folder} has no maps of frame {arguments.frame}")
+            known = ", ".join(frames) if len(frames) < _FEW else f"{frames[0]} to {frames[-1]}"
+            raise InputError(f"{folder} has no maps of frame {arguments.frame}: of {known} alone")
         frames = [arguments.frame]
     udims = sorted({udim for udim, _ in maps})
     for frame in frames:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import logging
+import os
+import select
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
@@ -31,6 +33,8 @@ COMMANDS = tuple(SUMMARIES)
 GROUP = "rhytid.commands"
 # Describes all others.
 _OF_ALL = "completion"
+# What a shell says of a program that SIGPIPE ended.
+_READER_LEFT = 141
 
 
 def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
@@ -46,6 +50,7 @@ def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
                 _warn_of_variables(arguments.command)
             make_place(getattr(arguments, "json", None))
             arguments.run(arguments)
+            print(end="", flush=True)  # here, where what fails is said
     except KeyboardInterrupt:
         interruption.say()
         return INTERRUPTED
@@ -53,6 +58,8 @@ def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
         if interruption.came:  # it came of the interruption
             interruption.say()
             return INTERRUPTED
+        if isinstance(error, BrokenPipeError) and _reader_left():
+            return _READER_LEFT
         if not isinstance(error, RhytidError | OSError):
             raise
         if level.verbose:
@@ -62,6 +69,19 @@ def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
             openjd_line("fail", f"rhytid {arguments.command}: {_line(error)}")
         return 1
     return 0
+
+
+def _reader_left() -> bool:
+    """Whether what reads the output of this program has ended, as `head` does; if so the rest goes
+    nowhere."""
+    if not hasattr(select, "poll"):  # Windows
+        return False
+    poll = select.poll()
+    poll.register(sys.stdout.fileno(), 0)
+    if not any(event & select.POLLERR for _, event in poll.poll(0)):
+        return False
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return True
 
 
 def _parser_for(argv: Sequence[str] | None) -> Parser:
