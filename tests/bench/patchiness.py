@@ -4,8 +4,8 @@
 
 FACE.npz holds expressions of ARKit's names as `shapes`. Skin is grown with `graph.patches` 0, 1 and
 2 and the default settings, and drawn at rest at 4096². In the middle 14 mm of a patch 20 mm wide of
-each region, patchiness is the coefficient of variation of the local root mean square of heights, in
-windows of about 2 mm, of what is between 0.45 and 4 mm long.
+each region, as far as there is mesh, patchiness is the coefficient of variation of the local root
+mean square of heights, in windows of about 2 mm, of what is between 0.45 and 4 mm long.
 """
 
 from __future__ import annotations
@@ -42,14 +42,19 @@ LIGHT = 30.0
 Heights = NDArray[np.float64]
 
 
-def patchiness(heights: Heights) -> float:
-    """Of a patch (P, P), SIDE_MM wide."""
+def patchiness(heights: Heights, seen: NDArray[np.bool_]) -> float:
+    """Of a patch (P, P), SIDE_MM wide, as far as it is seen."""
     step = SIDE_MM / len(heights)
-    fine, broad = (gaussian_filter(heights, size / step) for size in BAND)
-    local = np.sqrt(gaussian_filter((fine - broad) ** 2, WINDOW / step))
-    rim = round(RIM / step)
-    local = local[rim:-rim, rim:-rim]
-    return float(local.std() / local.mean())
+
+    def smooth(values: Heights, size: float) -> Heights:
+        share = gaussian_filter(seen.astype(np.float64), size / step)
+        return gaussian_filter(values * seen, size / step) / np.maximum(share, 1e-9)
+
+    fine, broad = (smooth(heights, size) for size in BAND)
+    local = np.sqrt(smooth((fine - broad) ** 2, WINDOW))
+    inside = (slice(round(RIM / step), -round(RIM / step)),) * 2
+    found = local[inside][seen[inside]]
+    return float(found.std() / found.mean())
 
 
 class Face:
@@ -108,7 +113,8 @@ def main() -> None:
         for seed in arguments.seeds:
             drawn = face.drawn(amount, seed)
             for view in face.views:
-                figure = patchiness(view.surface.heights(drawn))
+                surface = view.surface
+                figure = patchiness(surface.heights(drawn), surface.seen.covered)
                 found.setdefault((view.region, amount), []).append(figure)
             if seed == arguments.seeds[0]:
                 rows.append(panels(face, drawn, amount))

@@ -25,7 +25,6 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import millimetres
 from rhytid.domain.tiles import busiest_udim
 from rhytid.engine.engine import open_device
-from rhytid.meshes.relief import levelled
 from rhytid.pipeline.folds import measured_folds
 from rhytid.support.settings import ServiceSettings
 from rhytid.synthesis.generate import synthesize
@@ -37,15 +36,26 @@ Heights = NDArray[np.float64]
 
 
 def rough(heights: Heights) -> tuple[float, float, float]:
-    """Sa, Rz along level profiles and Rz along upright ones.  heights: (P, P), less its plane."""
+    """Sa, Rz along level profiles and Rz along upright ones, of stretches that are whole.
+    heights: (P, P), less its plane, NaN beside the mesh."""
     count = round(SIDE_MM / STRETCH_MM)
     level = heights[:, : heights.shape[1] // count * count].reshape(len(heights), count, -1)
     upright = heights[: len(heights) // count * count].reshape(count, -1, heights.shape[1])
     return (
-        float(np.abs(heights).mean()),
-        float(np.ptp(level, -1).mean()),
-        float(np.ptp(upright, 1).mean()),
+        float(np.nanmean(np.abs(heights))),
+        float(np.nanmean(np.ptp(level, -1))),
+        float(np.nanmean(np.ptp(upright, 1))),
     )
+
+
+def less_plane(heights: Heights, seen: NDArray[np.bool_]) -> Heights:
+    """Heights (P, P) less the plane of those seen, NaN elsewhere."""
+    y, x = np.nonzero(seen)
+    terms = np.column_stack([np.ones_like(x), x, y])
+    plane, *_ = np.linalg.lstsq(terms, heights[seen], rcond=None)
+    found = np.full(heights.shape, np.nan)
+    found[seen] = heights[seen] - terms @ plane
+    return found
 
 
 def joined(graph: WrinkleGraph) -> set[tuple[bytes, ...]]:
@@ -81,11 +91,12 @@ def main() -> None:
         with resident(device, mesh, made.graph, settings) as asset:
             drawn = drawn_under(asset, udim, [v.surface for v in views], lambda *_: None)
         for view in views:
-            found = rough(levelled(view.surface.heights(drawn) * micrometres, 1))
+            heights = view.surface.heights(drawn) * micrometres
+            found = rough(less_plane(heights, view.surface.seen.covered))
             figures = ", ".join(f"{value:5.1f}" for value in found)
             sys.stdout.write(f"{view.region:12} {age:3g} years: Sa, Rz, Rz upright {figures}\n")
-    for age, found in lines.items() if UNCHANGED in lines else ():
-        share = len(found & lines[UNCHANGED]) / len(found)
+    for age, kept in lines.items() if UNCHANGED in lines else ():
+        share = len(kept & lines[UNCHANGED]) / len(kept)
         sys.stdout.write(f"{share:.1%} of the lines at {age:g} join the same two pores as at 35\n")
 
 

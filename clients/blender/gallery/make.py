@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from face import Face
-from shots import weights
+from shots import CAPTURED, EXPRESSIONS, weights
 
 
 def main() -> None:
@@ -65,6 +65,8 @@ def bake(face: Face, moves: np.ndarray, options: argparse.Namespace) -> Path:
     face.write(mesh, moves)
     given = ["bake", "--mesh", mesh, "--out", maps, "--store", options.out / "store", "--half"]
     given += ["--sampling", "smooth", "--resolution", options.resolution]
+    if options.only == "stills":
+        given += ["--frame-range", f"{CAPTURED + 1}-{CAPTURED + len(EXPRESSIONS)}"]
     run(options.rhytid, *given)
     return maps.resolve()
 
