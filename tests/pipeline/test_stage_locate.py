@@ -19,6 +19,7 @@ from rhytid.pipeline import cells
 from rhytid.pipeline.cells import cells_that_fit, list_by_cell
 from rhytid.pipeline.elements import wrinkle_arrays
 from rhytid.pipeline.locate import UdimTriangles, locate_points
+from rhytid.pipeline.vectors import VECTOR
 
 
 def located(device, mesh, side, padding, udim=1001, resolution=256, at=(0, 0), count=None):
@@ -90,6 +91,20 @@ def test_a_crop_and_a_coarse_level(device):
     for side in (128, 16, 2, 1):
         # Padding is meant in texels of level 0 at every level.
         check(located(device, mesh, side, 16), expected(mesh, side, 16), least=0.0)
+
+
+@pytest.mark.parametrize("count", [1, 2, 4, 8, 24, 64])
+def test_every_texel_is_written(device, count):
+    """Also where memory of others had other numbers before."""
+    mesh, other = sheet(), np.int32(-7)
+    triangles = UdimTriangles(device, mesh, 1001, 64, 0)
+    size = max(count * count, VECTOR)
+    device.full(size, other).release()
+    assert device.pool.held >= 4 * size
+    found = device.read(triangles.texels(64, 0, 0, count), (size,), np.int32)
+    assert (found != other).all()
+    assert (found[count * count :] == len(mesh.faces)).all()
+    triangles.release()
 
 
 @pytest.mark.parametrize("resolution", [256, 4096])

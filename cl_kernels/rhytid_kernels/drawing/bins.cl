@@ -45,15 +45,47 @@ inline void write_eight(sums_t sums, int x, int y, int i, shape_t shape, float d
     }
 }
 
+// Whether nothing is drawn in eight texels from x on of row y: in half of the vectors of a bin, whose codes are
+// then 0 without a logarithm for each map.
+inline bool is_clear(sums_t sums, int x, int y)
+{
+    const int at = at_texel(sums, x, y);
+    int8 bits = 0;
+    for (int k = 0; k < DRAWINGS; k++) {
+        bits |= as_int8(vload8(0, drawing_of(sums, k).valleys + at));
+        if (BULGING)
+            bits |= as_int8(vload8(0, drawing_of(sums, k).bulges + at));
+    }
+    const int4 four = bits.lo | bits.hi;
+    const int2 two = four.lo | four.hi;
+    return (two.x | two.y) == 0;
+}
+
+// The codes of such texels.
+inline void clear_eight(int i, maps_t maps, __global CODE *codes)
+{
+    for (int k = 0; k < STRETCHES; k++)
+        for (int part = 0; part < PARTS; part++) {
+            int2 map = {maps.first + part * maps.behind + k, maps.all};
+            vstore8(CONVERT(CODE, 8)((int8)(0)), 0, codes + code_place(i, map));
+        }
+    if (TILTED)
+        vstore8(CONVERT(CODE, 8)((int8)(0)), 0, codes + code_place(i, (int2)(maps.tilt, maps.all)));
+}
+
 inline void write_maps(sums_t sums, place_t place, shape_t shape, float depth,
                        __global const float8 *stretches, float share, int4 maps,
                        __global CODE *codes)
 {
     const maps_t where = {maps.x, maps.y, maps.z, maps.w};
     for (int y = first_owned(sums, sums.low); y < sums.low + ROWS; y += ITEMS)
-        for (int x = 0; x < BLOCK; x += LANES)
-            write_eight(sums, x, y, place.at + y * place.above + x, shape, depth, stretches, share,
-                        where, codes);
+        for (int x = 0; x < BLOCK; x += LANES) {
+            const int i = place.at + y * place.above + x;
+            if (is_clear(sums, x, y))
+                clear_eight(i, where, codes);
+            else
+                write_eight(sums, x, y, i, shape, depth, stretches, share, where, codes);
+        }
 }
 
 #define LEAN_OF(i) (TILTED ? leaning(segments[i].zw, tilt.xyz) : 0.0f)

@@ -61,8 +61,11 @@ class UdimTriangles:
 
     def texels(self, side: int, row: int, column: int, count: int) -> Buffer:
         """int32 triangle of each of count² texels of a level of `side` texels, on the device."""
-        # Room for a whole vector, so that the smallest levels can be blended like the others.
-        found = self._device.full(max(count * count, VECTOR), self.none)
+        if count * count < VECTOR:
+            # Room for a whole vector, so that the smallest levels can be blended like the others.
+            found = self._device.full(VECTOR, self.none)
+        else:
+            found = self._device.empty(count * count, np.int32)
         self._device.launch(
             "locate_texels", "locate_texels", (-(-count // VECTOR), -(-count // _ROWS)),
             *self._arguments(),
