@@ -165,7 +165,7 @@ def main() -> None:
         bare = Page(browser, service.url, composites).without_lost().ready()
         finer = means(shown.drawn(AFAR, FINER), FINER)
         row = [finer, shown.drawn(AFAR), bare.drawn(AFAR)]
-        page([[larger(one) for one in row]]).save(given.out / "viewer_shine.jpg", quality=95)
+        page([[larger(one) for one in row]]).save(given.out / "viewer_shine.jpg", quality=QUALITY)
         browser.close()
 
 
