@@ -32,8 +32,8 @@ DARTS = (2.0, 3.0, 4.0, 5.0, 6.0)
 # Darts thrown at a time: as many as there will be pores, within these. Fewer would lie so far apart
 # that none finds in the cache what another has read.
 BATCH, MOST_AT_A_TIME = 1 << 20, 1 << 23
-# As many times more once most pores are there: few of these darts are more than looked at.
-_LATER = 2
+# As many times more where pores leave at most one of so many to be more than looked at.
+_FEWER = 2
 # A pore this much beyond the radius is still too close: what the device rounds.
 _ROUNDING = 1.0 + 1e-6
 _SPARE = 1024
@@ -272,7 +272,7 @@ class Darts:
         self._work, self._fields, self._seed = work, fields, np.uint32(seed)
         self._even = fields.least_spacing == fields.most_spacing == 1.0
         self._least = work.upload(fields.closest(carriers))
-        self._limit = most
+        self._limit, self._few = most, False
         places = self.lattice.places(surface.corners[carriers])
         places[:, 1:] -= places[:, :1]
         normals = surface.normals[carriers].astype(np.float32)
@@ -295,9 +295,8 @@ class Darts:
         counts = np.ceil(expected * self._most).astype(np.int64)
         phase = random4(self._key, turn, self._seed, _PHASE)[0]
         parts = 1
-        while max(shared_out(counts, phase, part, parts)[1].sum() for part in range(parts)) > (
-            self._limit * (_LATER if turn else 1)
-        ):
+        limit = self._limit * (_FEWER if self._few else 1)
+        while max(shared_out(counts, phase, part, parts)[1].sum() for part in range(parts)) > limit:
             parts *= 2
         phases = self._work.upload(phase)
         for part in range(parts):
@@ -323,6 +322,7 @@ class Darts:
         else:
             chosen = self._sifted(every, each, among)
         work, count = self._work, len(chosen)
+        self._few = _FEWER * count <= every
         work.release(*self._made.values())
         self._made = made = {
             name: work.empty(count * n, kind) for name, (n, kind) in _OF_DARTS.items()
