@@ -56,12 +56,10 @@ inline bool is_clear(sums_t sums, int x, int y)
         if (BULGING)
             bits |= as_int8(vload8(0, drawing_of(sums, k).bulges + at));
     }
-    const int4 four = bits.lo | bits.hi;
-    const int2 two = four.lo | four.hi;
-    return (two.x | two.y) == 0;
+    return none_set(bits);
 }
 
-// The codes of such texels.
+// The codes of such texels. To write heights of 0 by the function above takes a tenth of all maps longer.
 inline void clear_eight(int i, maps_t maps, __global CODE *codes)
 {
     for (int k = 0; k < STRETCHES; k++)

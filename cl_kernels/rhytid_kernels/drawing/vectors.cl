@@ -14,10 +14,7 @@ inline int alike(const int *triangles, int first)
 inline bool in_one(int16 triangles)
 {
     const int16 apart = triangles ^ triangles.s0;
-    const int8 eight = apart.lo | apart.hi;
-    const int4 four = eight.lo | eight.hi;
-    const int2 two = four.lo | four.hi;
-    return (two.x | two.y) == 0;
+    return none_set(apart.lo | apart.hi);
 }
 
 // counts: how many triangles each vector has.
