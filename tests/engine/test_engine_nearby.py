@@ -16,6 +16,7 @@ from engine.engines import BINNED, REDRAW, built, running
 from engine.test_engine_grain import asset_of
 from meshes import deform
 from pipeline.scenes import random_graph, settings_of, sheet
+from pipeline.stiff_scenes import painted
 from pipeline.test_stage_folding import pressed
 from rhytid.device.runtime import Device
 from rhytid.domain.events import MOST_KIND
@@ -124,21 +125,38 @@ def test_elements_that_are_far_from_a_tile_have_not_answered(device):
     asset = asset_of(device, lines=orderly(), tile_size=TILE, **BEST)
     at, elements = ADDRESSES[5], asset.mesh.elements[1001]
     square = asset.mesh.square(at)
-    ends = asset.frames.line_stretches(FRAMES[0], BINNED, 1001, square)
     scales = asset.frames.scales(FRAMES[0], REDRAW, 1001, square)
-    assert not device.read(ends, (elements.wrinkles + 1, 2), np.float32)[-1].any()
-    counts = (2 * (elements.wrinkles + 1), 4 * elements.wrinkles, 2 * elements.pores)
-    for buffer, count in zip((ends, scales.wrinkles, scales.pores), counts, strict=True):
+    counts = (4 * elements.wrinkles, 2 * elements.pores)
+    for buffer, count in zip((scales.wrinkles, scales.pores), counts, strict=True):
         assert 0.05 < np.isfinite(device.read(buffer, (count,), np.float32)).mean() < 0.7
     tile = at, asset.bins.tile(at)
     factors = asset.frames.coefficients(FRAMES[0], "tensor", tile).own
     assert 0.05 < np.isfinite(device.read(factors, (factors.nbytes // 4,), np.float32)).mean() < 0.7
     asset.frames.coefficients(FRAMES[0], "tensor")
     assert np.isfinite(device.read(factors, (factors.nbytes // 4,), np.float32)).all()
-    asset.frames.line_stretches(FRAMES[0], BINNED, 1001)
     asset.frames.scales(FRAMES[0], REDRAW, 1001)
-    for buffer, count in zip((ends, scales.wrinkles, scales.pores), counts, strict=True):
+    for buffer, count in zip((scales.wrinkles, scales.pores), counts, strict=True):
         assert np.isfinite(device.read(buffer, (count,), np.float32)).all()
+    asset.release()
+
+
+@pytest.mark.usefixtures("unknown")
+@pytest.mark.parametrize("stiffness", [None, painted()], ids=["even", "stiff"])
+def test_lines_that_own_samples_of_a_tile_answer_as_among_all_lines(device, stiffness):
+    """Copies and lines that continue others among them, whatever frame was asked for before."""
+    asset = asset_of(device, lines=orderly(), tile_size=TILE, stiffness=stiffness, **BEST)
+    lines, counts = asset.mesh.elements[1001].wrinkles, set()
+    for frame, at in zip(FRAMES * 3, ADDRESSES, strict=False):
+        tile = asset.bins.tile(at).cushion
+        own = asset.frames.owner_lines(frame, BINNED, at, tile)
+        every = asset.frames.line_stretches(frame, BINNED, 1001)
+        wanted = device.read(every, (lines + 1, 2), np.float32)[tile.read_owners(device)]
+        ends = device.read(own.ends, (own.count + 1, 2), np.float32)
+        numbers = device.read(own.owners, (tile.side, tile.side), np.int32)
+        assert ends[numbers].tobytes() == wanted.tobytes()
+        assert not ends[-1].any()
+        counts.add(own.count)
+    assert 0 < max(counts) < lines / 4
     asset.release()
 
 
@@ -194,12 +212,13 @@ def test_of_a_frame_of_which_many_tiles_are_asked_for_all_answers_at_once(device
         for at in addresses:
             square, tile = asset.mesh.square(at), (at, asset.bins.tile(at))
             buffers = (
-                asset.frames.line_stretches(frame, BINNED, 1001, square),
                 asset.frames.scales(frame, REDRAW, 1001, square).pores,
                 asset.frames.coefficients(frame, "tensor", tile).own,
             )
             found = [device.read(b, (b.nbytes // 4,), np.float32) for b in buffers]
             found = [np.isfinite(values).all() for values in found]
+            own = asset.frames.owner_lines(frame, BINNED, at, tile[1].cushion)
+            found.append(own is None)
             assert len(set(found)) == 1
             yield found[0]
 

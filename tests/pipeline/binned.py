@@ -13,8 +13,9 @@ from rhytid.domain.tiles import udim_origin
 from rhytid.pipeline.bin_maker import BinMaker
 from rhytid.pipeline.bins import map_count, parts
 from rhytid.pipeline.blend import Blend
+from rhytid.pipeline.line_stretches import LineStretches
 from rhytid.pipeline.locate import UdimTriangles
-from rhytid.pipeline.redraw import R_ALONE, LineStretches, wrinkle_responder
+from rhytid.pipeline.redraw import R_ALONE, wrinkle_responder
 from rhytid.pipeline.vectors import VECTOR
 
 TILE = 64

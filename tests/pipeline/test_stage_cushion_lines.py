@@ -10,7 +10,8 @@ import pytest
 from meshes import deform
 from pipeline.scenes import Scene, random_graph, settings_of, sheet
 from rhytid.pipeline.elements import LineSources
-from rhytid.pipeline.redraw import R_ALONE, LineStretches, wrinkle_responder
+from rhytid.pipeline.line_stretches import LineStretches
+from rhytid.pipeline.redraw import R_ALONE, wrinkle_responder
 
 HALF = 40
 OF_COPIES = np.concatenate([np.full(HALF, -1), np.arange(HALF)]).astype(np.int32)

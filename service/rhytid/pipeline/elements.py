@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -365,6 +365,33 @@ class UdimElements:
                 value.release()
 
 
+class LinePlaces(NamedTuple):
+    """Where K wrinkles of a UDIM sample stretch, copies where their originals do, on the host.
+
+    places (K, 4): segments, texels.  triangle (K,).  stiffness (K,), or None: 1 throughout.
+    """
+
+    places: NDArray[np.float32]
+    triangle: NDArray[np.int32]
+    stiffness: NDArray[np.float32] | None
+
+    @classmethod
+    def read(cls, device: Device, elements: UdimElements) -> LinePlaces:
+        """Of all wrinkles of a UDIM, from the device."""
+        count, origins, stiffness = elements.wrinkles, elements.wrinkle_origins, None
+        places = device.read(elements.segments, (count, 4), np.float32)
+        triangle = device.read(elements.wrinkle_triangle, (count,), np.int32)
+        if elements.wrinkle_stiffness is not None:
+            stiffness = device.read(elements.wrinkle_stiffness, (count,), np.float32)
+        if origins is not None:
+            own, copies = slice(origins.first, origins.first + origins.count), (origins.count,)
+            places[own] = device.read(origins.places, (*copies, 4), np.float32)
+            triangle[own] = device.read(origins.triangle, copies, np.int32)
+            if stiffness is not None and origins.stiffness is not None:
+                stiffness[own] = device.read(origins.stiffness, copies, np.float32)
+        return cls(places, triangle, stiffness)
+
+
 @dataclass(frozen=True, eq=False)
 class LineSources:
     """What K wrinkles of a UDIM answer to stretch by, copies as their originals do.
@@ -381,18 +408,14 @@ class LineSources:
     @classmethod
     def read(cls, device: Device, elements: UdimElements) -> LineSources:
         """Of all wrinkles of a UDIM, from the device."""
-        count, origins = elements.wrinkles, elements.wrinkle_origins
-        triangle = device.read(elements.wrinkle_triangle, (count,), np.int32)
-        along = device.read(elements.segments, (count, 4), np.float32)[:, 2:].astype(np.float64)
-        if origins is not None:
-            own = slice(origins.first, origins.first + origins.count)
-            triangle[own] = device.read(origins.triangle, (origins.count,), np.int32)
-            along[own] = device.read(origins.places, (origins.count, 4), np.float32)[:, 2:]
+        count, sampled = elements.wrinkles, LinePlaces.read(device, elements)
+        along = sampled.places[:, 2:].astype(np.float64)
         size = np.linalg.norm(along, axis=1, keepdims=True)
         partners = np.full((count, 2), -1, np.int32)
         if elements.partners is not None:
             partners = device.read(elements.partners, (count, 2), np.int32)
-        return cls(elements.wrinkle_rows[:-1], triangle, along / np.maximum(size, 1e-30), partners)
+        along /= np.maximum(size, 1e-30)
+        return cls(elements.wrinkle_rows[:-1], sampled.triangle, along, partners)
 
 
 @dataclass(frozen=True)

@@ -62,56 +62,6 @@ class ScaleBuffers(BufferGroup):
         return (self.wrinkles, self.pores)
 
 
-@dataclass
-class LineStretches(BufferGroup):
-    """r of K wrinkles of a UDIM in one frame, on the device, to be filled for frame after frame:
-    fresh memory takes as long as what is written to it.
-
-    ends: (K + 1, 2) float32 at both ends, then that of none, 0.
-    frame: digest of the frame that they are of; "" for none.  filled: UDIMs and squares whose
-    wrinkles have it; None: all.
-    """
-
-    ends: Buffer
-    frame: str = ""
-    filled: set[Place | None] = field(default_factory=set, init=False)
-
-    @classmethod
-    def allocate(cls, device: Device, elements: UdimElements) -> LineStretches:
-        """Buffers for the wrinkles of `elements`, not initialised."""
-        return cls(device.empty(2 * (elements.wrinkles + 1), np.float32))
-
-    def fill(
-        self,
-        device: Device,
-        elements: UdimElements,
-        settings: AssetSettings,
-        wrinkles: Responder,
-        near: NearbyGroups | None = None,
-    ) -> None:
-        """Alg. 1 finds r in the middle; `response.ends` says how far ends go to that of the next.
-
-        wrinkles: launches Alg. 1 with the defines R_ALONE.  near: what is wanted; None: all.
-        """
-        count = elements.wrinkles
-        given = (elements.segments, elements.wrinkle_triangle, elements.wrinkle_stiffness)
-        r = device.empty(count, np.float32)  # in the middle of each
-        wrinkles(count, *given, r, None if near is None else near.answering)
-        take_over(device, elements.wrinkle_origins, wrinkles, r, R_ALONE)
-        wanted = Groups.of(count + 1) if near is None else near.wrinkles
-        device.launch(
-            "ends", "end_stretches", (wanted.items,),
-            wanted.numbers, r, elements.partners, np.int32(count),
-            np.float32(settings.response.ends), self.ends,
-            defines=response_defines(settings.response.soft_limits),
-        )  # fmt: skip
-        r.release()
-
-    @property
-    def _buffers(self) -> tuple[Buffer, ...]:
-        return (self.ends,)
-
-
 def respond(
     device: Device, elements: UdimElements, settings: AssetSettings, stretch: StretchBuffers
 ) -> ScaleBuffers:

@@ -39,10 +39,10 @@ from rhytid.pipeline.grain import (
     relief_shares,
     tiles_of_square,
 )
+from rhytid.pipeline.line_stretches import LineStretches
 from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.redraw import (
     R_ALONE,
-    LineStretches,
     redrawing,
     respond,
     wrinkle_responder,

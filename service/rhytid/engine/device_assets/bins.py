@@ -3,7 +3,7 @@ them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -156,33 +156,46 @@ class DeviceBins:
     ) -> list[Buffer]:
         """float32 of level-0 tiles of one UDIM, blended for a frame."""
         blend, model, udim = self._base.blend, query.stretch, addresses[0].udim
-        tiles = self._tiles(addresses)
-        alone = self._base.square(addresses[0]) if len(addresses) == 1 else None
-        lines = self._frames.line_stretches(frame, query, udim, alone)
+        tiles, lines = self._lined(frame, query, addresses)
         if query.sampling == "smooth":
             fields, located = self._frames.fields(frame, model), self._base.located[udim]
-            made = [blend.smooth_tile(maps, fields, located, lines) for maps in tiles]
+            made = [blend.smooth_tile(maps, fields, located, lines) for maps in tiles.values()]
             return self._grained(made, frame, query, addresses)
-        plain = [a for a, maps in zip(addresses, tiles, strict=True) if maps.stiffness is None]
-        stiff = [a for a in addresses if a not in plain]
+        plain = {at: maps for at, maps in tiles.items() if maps.stiffness is None}
+        stiff = [at for at in addresses if at not in plain]
         found = dict(zip(plain, self._plain(frame, model, plain, lines), strict=True))
         stretches = self._frames.bin_stretches
-        others = [blend.stiff_tile(self.tile(a), stretches(frame, model), lines) for a in stiff]
+        others = [blend.stiff_tile(tiles[at], stretches(frame, model), lines) for at in stiff]
         found |= dict(zip(stiff, self._grained(others, frame, query, stiff), strict=True))
         return [found[address] for address in addresses]
 
+    def _lined(
+        self, frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]
+    ) -> tuple[dict[TileAddress, BinTile], Buffer | None]:
+        """The maps of tiles, and the log stretch of the lines by which their broad layers are
+        blended: of a tile by itself of its own lines alone, where that is quicker."""
+        tiles = dict(zip(addresses, self._tiles(addresses), strict=True))
+        at, maps = next(iter(tiles.items()))
+        if len(tiles) == 1 and maps.cushion is not None:
+            own = self._frames.owner_lines(frame, query, at, maps.cushion)
+            if own is not None:
+                return {
+                    at: replace(maps, cushion=replace(maps.cushion, owners=own.owners))
+                }, own.ends
+        return tiles, self._frames.line_stretches(frame, query, at.udim)
+
     def _plain(
-        self, frame: Frame, model: str, addresses: list[TileAddress], lines: Buffer | None
+        self, frame: Frame, model: str, tiles: Mapping[TileAddress, BinTile], lines: Buffer | None
     ) -> list[Buffer]:
         """Tiles whose texels have no stiffness of their own."""
-        if not addresses:
+        if not tiles:
             return []
-        tiles, grains = [self.tile(address) for address in addresses], None
+        grains = None
         if self._grain.shows:
-            grains = [self._grain.codes(a.udim, *self._base.square(a)[:2]) for a in addresses]
-        alone = (addresses[0], tiles[0]) if len(tiles) == 1 else None
+            grains = [self._grain.codes(a.udim, *self._base.square(a)[:2]) for a in tiles]
+        alone = next(iter(tiles.items())) if len(tiles) == 1 else None
         coefficients = self._frames.coefficients(frame, model, alone)
-        return self._base.blend.tiles(tiles, coefficients, grains, lines)
+        return self._base.blend.tiles(list(tiles.values()), coefficients, grains, lines)
 
     def _grained(
         self, made: list[Buffer], frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]

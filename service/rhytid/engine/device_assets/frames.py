@@ -17,6 +17,7 @@ from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import FrameStretch, MapQuery
 from rhytid.pipeline.bin_maker import BinTile
 from rhytid.pipeline.blend import Coefficients
+from rhytid.pipeline.cushion import CushionTile
 from rhytid.pipeline.event_elements import EventElements
 from rhytid.pipeline.events import add_events, event_scales, fill_events, respond_events_smooth
 from rhytid.pipeline.grain import (
@@ -30,10 +31,10 @@ from rhytid.pipeline.grain import (
     tiles_of_square,
 )
 from rhytid.pipeline.levels import Draw
+from rhytid.pipeline.line_stretches import LineStretches, OwnerLines
 from rhytid.pipeline.nearby import FrameValues, Groups, NearbyGroups, Numbers, united
 from rhytid.pipeline.redraw import (
     R_ALONE,
-    LineStretches,
     Responder,
     ScaleBuffers,
     respond_nearby,
@@ -146,12 +147,10 @@ class DeviceFrames:
         _fill(found.filled, place, self._nearby, fill)
         return found
 
-    def line_stretches(
-        self, frame: Frame, query: MapQuery, udim: int, square: Square | None = None
-    ) -> Buffer | None:
+    def line_stretches(self, frame: Frame, query: MapQuery, udim: int) -> Buffer | None:
         """Log stretch at the ends of wrinkles, by which the fast method blends their broad layer;
         None where there is none. It is that of this frame until others are asked for, as many as
-        _LINE_FRAMES.  square: as of `scales`."""
+        _LINE_FRAMES."""
         base, key = self._base, (udim, query.stretch, query.sampling)
         device, elements, settings = base.device, base.elements[udim], base.settings
         if elements.cushion is None:
@@ -161,19 +160,28 @@ class DeviceFrames:
             "lines", *key, place, make=partial(LineStretches.allocate, device, elements)
         )
         if found.frame != frame.digest:
+            found.frame = ""  # should only some of the kernels run
+            found.fill(device, elements, settings, self._line_responder(frame, query, udim))
             found.frame = frame.digest
-            found.filled.clear()
-
-        square = None if query.sampling == "smooth" else square
-        square = self.alone(frame, ("lines", *key), udim, square)
-
-        def fill(near: NearbyGroups | None) -> None:
-            responder = self._lines_alone(frame, query, udim, square)
-            # Nothing is written but whole groups that are wanted, so no place loses any.
-            found.fill(device, elements, settings, responder, near)
-
-        _fill(found.filled, square and (udim, square), self._nearby, fill)
         return found.ends
+
+    def owner_lines(
+        self, frame: Frame, query: MapQuery, at: TileAddress, cushion: CushionTile
+    ) -> OwnerLines | None:
+        """The lines by which the fast method blends the broad layer of a tile, with their log
+        stretch, until other frames are asked for. None where all lines are to answer at once."""
+        base, key = self._base, ("lines", at.udim, query.stretch, query.sampling)
+        if query.sampling == "smooth":
+            return None
+        square = self.alone(frame, key, at.udim, base.square(at))
+        if square is None:
+            return None
+        device, elements = base.device, base.elements[at.udim]
+        make = partial(OwnerLines.of, device, elements, cushion)
+        found: OwnerLines = base.cache.keep("owner lines", at, make=make)
+        responder = self._line_responder(frame, query, at.udim, square)
+        found.fill(device, base.settings, responder)
+        return found
 
     def _nearby(self, place: Place) -> NearbyGroups:
         """The groups that a tile needs."""
@@ -216,8 +224,8 @@ class DeviceFrames:
         held[frame.digest] = place
         return place
 
-    def _lines_alone(
-        self, frame: Frame, query: MapQuery, udim: int, square: Square | None
+    def _line_responder(
+        self, frame: Frame, query: MapQuery, udim: int, square: Square | None = None
     ) -> Responder:
         """Launches Alg. 1 for r of wrinkles.  square: a tile, of whose wrinkles it is wanted."""
         base, model = self._base, query.stretch
