@@ -28,6 +28,7 @@ from rhytid.engine.engine import Engine
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery, NewAsset
 from rhytid.errors import DeviceError
+from rhytid.pipeline.work import Place
 
 LINES, COPIES, TILE = 600, 20, 64
 # More than have memory for r of lines at a time; the last has folds.
@@ -36,6 +37,7 @@ FRAMES.append(Frame.of(pressed(sheet())))
 ADDRESSES = [TileAddress(1001, 0, row, column) for row in range(4) for column in range(4)]
 BEST = {"preset": "best", "unit": "1.5cm", "bins": {"r_max": 0.15}}
 CHOICES = {"best": BEST, "paper": {"shape": {"cushion": 0.7}, "bins": {"r_max": 0.15}}}
+CHOICES["flat"] = {"shape": {"cushion": 0.0}, "bins": {"r_max": 0.15}}
 
 
 def orderly(span: float = 1.0) -> WrinkleGraph:
@@ -166,7 +168,7 @@ def test_of_triangles_that_no_element_of_a_tile_answers_to_nothing_is_found(devi
     frame, squares = FRAMES[-1], [asset.mesh.square(at) for at in ADDRESSES[4:6]]
     shares = []
     for square in (*squares, None):
-        alone = None if square is None else (1001, square)
+        alone = None if square is None else Place(1001, square)
         stretch = asset.frames.stretch(frame, "tensor", alone)
         buffers = (stretch.logs, stretch.taken, stretch.axes)
         found = [device.read(b, (b.nbytes // 4,), np.float32) for b in buffers]
@@ -175,6 +177,20 @@ def test_of_triangles_that_no_element_of_a_tile_answers_to_nothing_is_found(devi
     assert all(one < other < 1.0 for one, other in zip(*shares[:2], strict=True))
     assert shares[2] == [1.0] * 3
     assert asset.frames.measured(frame).folds.max() > 0.1
+    asset.release()
+
+
+@pytest.mark.usefixtures("unknown")
+def test_a_tile_of_the_fast_method_needs_the_stretch_of_fewer_triangles(device, choice):
+    asset = asset_of(device, sheet(80), orderly(), tile_size=TILE, **choice)
+    frame, at = Frame.of(deform(sheet(80).positions, 3, 0.15)), ADDRESSES[5]
+    counts = []
+    for query in (BINNED, REDRAW):
+        tile_of(asset, frame, query, at)
+        place = Place(1001, asset.mesh.square(at), query is BINNED)
+        logs = asset.frames.stretch(frame, "tensor", place).logs
+        counts.append(int(np.isfinite(device.read(logs, (logs.nbytes // 4,), np.float32)).sum()))
+    assert 2 * len(sheet(80).faces) / len(ADDRESSES) <= counts[0] < 0.9 * counts[1]
     asset.release()
 
 
@@ -197,7 +213,7 @@ def test_elements_may_sample_any_triangle(device, choice):
         for query in methods:
             tile = wanted[query][rows, columns]
             assert tile_of(tiled, frame, query, at) == tile.tobytes()
-        tiled.mesh.cache.clear()  # no tile has the stretch of another
+            tiled.mesh.cache.clear()  # no tile has the stretch of another
     for asset in (whole, tiled):
         asset.release()
 
@@ -249,7 +265,7 @@ def test_where_a_kernel_fails_nothing_counts_as_found(device, monkeypatch):
     asset = asset_of(device, lines=orderly(), tile_size=TILE, **BEST)
     squares = [asset.mesh.square(at) for at in ADDRESSES[:2]]
     found = asset.frames.scales(FRAMES[0], REDRAW, 1001, squares[0])
-    assert found.filled == {(1001, squares[0])}
+    assert found.filled == {Place(1001, squares[0])}
 
     def fail(*given: Any) -> None:
         raise DeviceError("no more")
@@ -260,7 +276,7 @@ def test_where_a_kernel_fails_nothing_counts_as_found(device, monkeypatch):
             asset.frames.scales(FRAMES[0], REDRAW, 1001, squares[1])
     assert found.filled == set()
     asset.frames.scales(FRAMES[0], REDRAW, 1001, squares[1])
-    assert found.filled == {(1001, squares[1])}
+    assert found.filled == {Place(1001, squares[1])}
     asset.release()
 
 

@@ -291,18 +291,21 @@ class UdimElements:
         self.events = None if events is None else EventElements(device, events)
 
     def triangles(self, device: Device, square: Square) -> Numbers:
-        """The triangles whose stretch what may be drawn in a square of level 0 answers to, and more
-        than once."""
+        """The triangles whose stretch the wrinkles and pores that may be drawn in a square of level
+        0 answer to, and more than once."""
         lines = elements_of(self.nearby.answering(square), self.wrinkles)
         pores = elements_of(self.nearby.pores(square), self.pores)
         kinds = [
             (lines, self.wrinkles, self.wrinkle_triangle, self.wrinkle_origins),
             (pores, self.pores, self.pore_triangle, self.pore_origins),
         ]
-        if (events := self.events) is not None:
-            numbers = events.nearby(square)
-            kinds.append((numbers, events.count, events.triangle, events.origins))
         return np.concatenate([sampled(device, *kind) for kind in kinds])
+
+    def event_triangles(self, device: Device, square: Square) -> Numbers:
+        """Likewise of events."""
+        if (events := self.events) is None:
+            return np.zeros(0, np.int32)
+        return sampled(device, events.nearby(square), events.count, events.triangle, events.origins)
 
     @property
     def bent(self) -> bool:

@@ -104,6 +104,11 @@ class OwnerLines(BufferGroup):
         wrinkles(self.triangle.nbytes // 4, self.places, self.triangle, self.stiffness, self.r)
         _find_ends(device, settings, self.count, self.r, self.partners, self.ends)
 
+    def triangles(self, device: Device) -> Numbers:
+        """Those that they sample."""
+        found: Numbers = device.read(self.triangle, (self.triangle.nbytes // 4,), np.int32)
+        return found
+
     @property
     def _buffers(self) -> tuple[Buffer | None, ...]:
         sampled = (self.places, self.triangle, self.stiffness, self.partners)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +28,17 @@ _ELEMENT, _BLANK = 32, 2048
 _CHUNK = 1 << 20
 # (row, column, texels per side) of a square of a level.
 Square = tuple[int, int, int]
-# A UDIM, and a square of its level 0.
-Place = tuple[int, Square]
 # Seconds of the densest block, which is drawn at once.
 _BLOCK_SECONDS = 0.1
+
+
+class Place(NamedTuple):
+    """A UDIM, and a square of its level 0.  blended: whether that is a tile of the fast method, for
+    which few lines answer to stretch, and no pores."""
+
+    udim: int
+    square: Square
+    blended: bool = False
 
 
 class MapWork:

@@ -97,12 +97,11 @@ class DeviceFrames:
         return found
 
     def _triangles(self, place: Place) -> NearbyTriangles:
-        """The triangles whose stretch a tile needs, by any method."""
-        base, (udim, square) = self._base, place
+        """The triangles whose stretch a tile needs."""
+        base = self._base
 
         def make() -> NearbyTriangles:
-            answering = base.elements[udim].triangles(base.device, square)
-            every = united([_shown(base, udim, square), answering])
+            every = united([_shown(base, place.udim, place.square), *_answering(base, place)])
             return base.stretch.nearby(every, base.settings.response.folds)
 
         found: NearbyTriangles = base.cache.keep("nearby triangles", *place, make=make)
@@ -135,9 +134,7 @@ class DeviceFrames:
 
         if sampling == "smooth":
             return found
-        square = self.alone(frame, ("scales", udim, model), udim, square)
-
-        place = square and (udim, square)
+        place = self.alone(frame, ("scales", udim, model), udim, square)
 
         def fill(near: NearbyGroups | None) -> StretchBuffers:
             stretch = self.stretch(frame, model, place)
@@ -173,29 +170,33 @@ class DeviceFrames:
         base, key = self._base, ("lines", at.udim, query.stretch, query.sampling)
         if query.sampling == "smooth":
             return None
-        square = self.alone(frame, key, at.udim, base.square(at))
-        if square is None:
+        place = self.alone(frame, key, at.udim, base.square(at), blended=True)
+        if place is None:
             return None
         device, elements = base.device, base.elements[at.udim]
         make = partial(OwnerLines.of, device, elements, cushion)
         found: OwnerLines = base.cache.keep("owner lines", at, make=make)
-        responder = self._line_responder(frame, query, at.udim, square)
-        found.fill(device, base.settings, responder)
+        found.fill(device, base.settings, self._line_responder(frame, query, at.udim, place))
         return found
 
     def _nearby(self, place: Place) -> NearbyGroups:
         """The groups that a tile needs."""
-        udim, square = place
-        make = partial(self._base.elements[udim].nearby.of, self._base.device, square)
-        found: NearbyGroups = self._base.cache.keep("nearby", udim, *square, make=make)
+        of_square = self._base.elements[place.udim].nearby.of
+        make = partial(of_square, self._base.device, place.square)
+        found: NearbyGroups = self._base.cache.keep("nearby", *place, make=make)
         return found
 
     def alone(
-        self, frame: Frame, what: tuple[Any, ...], udim: int, square: Square | None
-    ) -> Square | None:
+        self,
+        frame: Frame,
+        what: tuple[Any, ...],
+        udim: int,
+        square: Square | None,
+        blended: bool = False,
+    ) -> Place | None:
         """The tile that a square lies in, where what is found for a frame is found for it alone,
         so that it need not wait for the rest: where few tiles of this frame, and of the one before,
-        were asked for. Else None, for all elements at once."""
+        were asked for. Else None, for all elements at once.  blended: as of Place."""
         base, side = self._base, self._base.tile_side
         if square is None or side == base.settings.resolution:
             return None
@@ -213,7 +214,7 @@ class DeviceFrames:
         squares.add(square)
         # Without wrinkles no tile is alone: kernels of some elements read the last of all.
         few = max(len(squares), before) <= base.elements[udim].wrinkles // _SQUARE
-        return square if few else None
+        return Place(udim, square, blended) if few else None
 
     def _place_of(self, frame: Frame, key: tuple[Any, ...]) -> int:
         """The number of the buffer that a frame has or takes over, for one key."""
@@ -225,15 +226,15 @@ class DeviceFrames:
         return place
 
     def _line_responder(
-        self, frame: Frame, query: MapQuery, udim: int, square: Square | None = None
+        self, frame: Frame, query: MapQuery, udim: int, place: Place | None = None
     ) -> Responder:
-        """Launches Alg. 1 for r of wrinkles.  square: a tile, of whose wrinkles it is wanted."""
+        """Launches Alg. 1 for r of wrinkles.  place: a tile, of whose wrinkles it is wanted."""
         base, model = self._base, query.stretch
         device, settings = base.device, base.settings
         if query.sampling == "smooth":
             fields, located = self.fields(frame, model), base.located[udim]
             return smooth_wrinkle_responder(device, located, settings, fields, R_ALONE)
-        stretch = self.stretch(frame, model, square and (udim, square))
+        stretch = self.stretch(frame, model, place)
         return wrinkle_responder(device, settings, stretch, R_ALONE)
 
     def coefficients(
@@ -247,8 +248,7 @@ class DeviceFrames:
         if alone is not None:
             at, tile = alone
             what = ("coefficients", at.udim, model)
-            square = self.alone(frame, what, at.udim, base.square(at))
-            place = square and (at.udim, square)
+            place = self.alone(frame, what, at.udim, base.square(at), blended=True)
 
         def groups(at: Place) -> Groups:
             make = partial(Groups.of_triangles, base.device, tile.triangles)
@@ -333,6 +333,21 @@ def _shown(base: DeviceMesh, udim: int, tile: Square) -> Numbers:
     return shown
 
 
+def _answering(base: DeviceMesh, place: Place) -> list[Numbers]:
+    """The triangles whose stretch the elements of a tile answer to."""
+    device, elements, square = base.device, base.elements[place.udim], place.square
+    events = elements.event_triangles(device, square)
+    if not place.blended:
+        return [elements.triangles(device, square), events]
+    if elements.cushion is None:
+        return [events]
+    at = TileAddress(place.udim, 0, square[0] // square[2], square[1] // square[2])
+    owners: OwnerLines | None = base.cache.find("owner lines", at)
+    if owners is None:  # all lines have answered, or are to
+        return [elements.triangles(device, square), events]
+    return [owners.triangles(device), events]
+
+
 def _grain_place(base: DeviceMesh, udim: int, row: int, column: int) -> GrainPlace:
     """That of the tile of level 0 with this first texel."""
     square, located = (row, column, base.tile_side), base.located[udim]
@@ -405,14 +420,15 @@ class DeviceEvents:
             frame, "event scales", udim, model, sampling, make=make
         )
         if sampling != "smooth":
-            alone = frames.alone(frame, ("events", udim, model), udim, square)
+            what, blended = ("events", udim, model), query.method == "binned"
+            alone = frames.alone(frame, what, udim, square, blended)
 
             def fill(near: Place | None) -> StretchBuffers:
                 stretch = frames.stretch(frame, model, near)
                 fill_events(device, events, settings, stretch, found)
                 return stretch
 
-            _fill(found.filled, alone and (udim, alone), lambda place: place, fill)
+            _fill(found.filled, alone, lambda place: place, fill)
         return found.values
 
 
@@ -459,8 +475,8 @@ class DeviceGrain:
         base, frames, model = self._base, self._frames, query.stretch
         fields = frames.fields(frame, model) if query.sampling == "smooth" else None
         alone = frames.alone(frame, ("gains", udim, model), udim, None if fields else square)
-        stretch = frames.stretch(frame, model, alone and (udim, alone))
-        gains = frames.gains(frame, model, alone and (udim, alone))
+        stretch = frames.stretch(frame, model, alone)
+        gains = frames.gains(frame, model, alone)
         return Grain(base.device, base.settings, base.located[udim], stretch, gains, fields)
 
     def _planes(self) -> GrainPlanes:
