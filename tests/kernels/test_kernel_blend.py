@@ -27,6 +27,14 @@ __kernel void one_tile(__global const int *firsts, __global const int2 *members,
     blend_vector(firsts, members, codes, 0, 0, coefficients, 0, unit, 16, 0.0f, 1.0f, out);
 }
 """
+COEFFICIENTS = """
+__kernel void of_weights(__global const float4 *weights, __global const float *steps, float unit,
+                         __global float4 *found)
+{
+    int i = get_global_id(0);
+    found[i] = coefficient(i % LAYERS, weights[i].x, weights[i].y, weights[i].z, steps, unit);
+}
+"""
 WIDTH = 16
 TEXELS = 64 * WIDTH
 C_TYPES = {8: "char", 16: "short"}
@@ -107,9 +115,9 @@ def coefficients(device, maps):
         "-DTILT=0",
     ]
     given += [f"-D{name}={value}" for name, value in response_defines(False).items()]
-    text, found = rhytid_kernels.source("weights"), maps.weights.copy()
-    arguments = [None, maps.steps, unit(maps), np.int32(triangles)]
-    return run(device, text, "coefficients", (-(-triangles // WIDTH),), arguments, found, given)
+    text, found = rhytid_kernels.source("weights") + COEFFICIENTS, np.zeros_like(maps.weights)
+    arguments = [maps.weights, maps.steps, unit(maps)]
+    return run(device, text, "of_weights", (triangles * layers,), arguments, found, given)
 
 
 def placed(device, triangle, codes):

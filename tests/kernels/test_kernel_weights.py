@@ -17,6 +17,20 @@ from rhytid.pipeline.reach import response_defines
 
 COUNT = 500
 LANES = 16  # triangles of a work-item
+KERNEL = """
+__kernel void standings(__global const float4 *axes, __global const float2 *logs,
+                        __global const float2 *directions, int count, float r_max, float4 exponents,
+                        __global float4 *found)
+{
+    int first = get_global_id(0) * LANES, last = count - 1;
+    triangles_t p = triangles_from(first, last, axes, logs, 0);
+    for (int n = 0; n < LAYERS; n++) {
+        standing_t s = standing(n, p, first, last, 0, directions, r_max, exponents);
+        for (int i = 0; i < min(LANES, count - first); i++)
+            found[(first + i) * LAYERS + n] = (float4)(s.place[i], s.depth[i], s.rise[i], 0.0f);
+    }
+}
+"""
 slow = pytest.mark.slow
 
 
@@ -44,19 +58,16 @@ def weights(device, axes, logs, bins, exponents=(0.0, 0.0)):
     options += [f"-DTILT={int(bins.tilt)}", f"-DTILT_NODE={TILT_NODE}f"]
     options += [f"-DCODE_LIMIT={most}"]
     options += [f"-D{name}={value}" for name, value in response_defines(False).items()]
-    in_uv = None
     arguments = [
-        None,
         axes,
         logs,
-        in_uv,
         directions,
         np.int32(COUNT),
         np.float32(bins.r_max),
         vector(*exponents, 4.0, 4.0),
     ]
-    text, out = rhytid_kernels.source("weights"), np.zeros((COUNT, layers, 4), np.float32)
-    found = run(device, text, "sample_weights", (-(-COUNT // LANES),), arguments, out, options)
+    text, out = rhytid_kernels.source("weights") + KERNEL, np.zeros((COUNT, layers, 4), np.float32)
+    found = run(device, text, "standings", (-(-COUNT // LANES),), arguments, out, options)
     return np.moveaxis(found, -1, 0)
 
 

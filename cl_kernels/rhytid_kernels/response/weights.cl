@@ -1,7 +1,7 @@
 // Where between the precomputed samples each triangle stands (Alg. 3, lines 6 to 10). With nearest
 // sampling Alg. 3 up to its line 10 is the same for every texel of a triangle, so it runs here once.
+#include "grain.clh"
 #include "groups.clh"
-#include "response.clh"
 #include "samples.clh"
 #include "vectors.clh"
 
@@ -61,70 +61,85 @@ inline float16 log_stretches_in(triangles_t p, int first, int last, float2 theta
     return ACROSS(along1 + across1, along2 + across2, p.log1, p.log2);
 }
 
-// Algorithm 3, lines 6 to 10, for every layer of LANES triangles a work-item; count: of all.
-// weights: LAYERS per triangle: its position, from 0 (full compression) to SAMPLES_OF - 1 (full
-// stretch); what the depth is scaled by: 1, or for maps without their depth scale sigma_d of the
-// stretch before it is clamped to r_max; with TILT, as a line over the tilts, its rise; 0.
-// The depth over the angles of a bin is then the line through two of them: its middle, and its rise to
-// the largest code of a tilt, over the middle. It stays within 0 and SCALE_LIMIT.
-// directions: then also those TILT_NODE half bins before and after each. r_max: of the last sample.
-// exponents: of the depth of wrinkles and of pores, where 0 gives 1, and the limits of both depths.
-// groups: as in first_in_group, of triangles.
-__kernel void sample_weights(__global const int *groups, __global const float4 *axes,
-                             __global const float2 *logs, __global const float4 *jacobians,
-                             __global const float2 *directions, int count, float r_max,
-                             float4 exponents, __global float4 *weights)
+// Where triangles stand in a layer.
+typedef struct {
+    float place[LANES]; // from 0 (full compression) to SAMPLES_OF - 1 (full stretch)
+    float depth[LANES]; // what the depth is scaled by
+    float rise[LANES];  // with TILT, as a line over the tilts
+} standing_t;
+
+// Algorithm 3, lines 6 to 10, for layer n. The depth scale is 1, or for maps without theirs sigma_d of
+// the stretch before it is clamped to r_max, that of the last sample; with TILT it rises as a line over
+// the tilts to the largest code of one, given over the middle. That is the line through two angles of the
+// bin. It stays within 0 and SCALE_LIMIT.
+// directions: then also those TILT_NODE half bins before and after each. exponents: of the depth of
+// wrinkles and of pores, where 0 gives 1, and the limits of both depths.
+inline standing_t standing(int n, triangles_t p, int first, int last,
+                           __global const float4 *jacobians, __global const float2 *directions,
+                           float r_max, float4 exponents)
 {
-    const int first = first_in_group(groups), last = count - 1;
-    const triangles_t p = triangles_from(first, last, axes, logs, jacobians);
-    for (int n = 0; n < LAYERS; n++) {
-        float16 r = n < ORIENTED ? log_stretches_in(p, first, last, directions[n], jacobians)
-                                 : 0.5f * (p.log1 + p.log2);
-        float2 depth_of = n < LAYERS - 1 ? exponents.xz : exponents.yw;
-        float found[3][LANES];
-        vstore16((clamp(r / r_max, -1.0f, 1.0f) + 1.0f) * (0.5f * (SAMPLES_OF(n) - 1)), 0, found[0]);
-        float16 depth, rise = 0.0f;
+    float16 r = n < ORIENTED ? log_stretches_in(p, first, last, directions[n], jacobians)
+                             : 0.5f * (p.log1 + p.log2);
+    float2 depth_of = n < LAYERS - 1 ? exponents.xz : exponents.yw;
+    standing_t found;
+    vstore16((clamp(r / r_max, -1.0f, 1.0f) + 1.0f) * (0.5f * (SAMPLES_OF(n) - 1)), 0, found.place);
+    float16 depth, rise = 0.0f;
 #if TILT
-        if (n < ORIENTED) {
-            __global const float2 *turned = directions + ORIENTED + n;
-            float16 before = log_stretches_in(p, first, last, turned[0], jacobians);
-            float16 after = log_stretches_in(p, first, last, turned[ORIENTED], jacobians);
-            float16 low = SCALE(power16, before, -depth_of.x, SCALE_LIMIT);
-            float16 high = SCALE(power16, after, -depth_of.x, SCALE_LIMIT);
-            depth = 0.5f * (low + high);
-            rise = (high - low) / (2.0f * TILT_NODE * depth);
-            float16 most = min(SCALE_LIMIT / depth - 1.0f, 1.0f);
-            rise = clamp(rise, -most, most) / CODE_LIMIT;
-        } else
+    if (n < ORIENTED) {
+        __global const float2 *turned = directions + ORIENTED + n;
+        float16 before = log_stretches_in(p, first, last, turned[0], jacobians);
+        float16 after = log_stretches_in(p, first, last, turned[ORIENTED], jacobians);
+        float16 low = SCALE(power16, before, -depth_of.x, SCALE_LIMIT);
+        float16 high = SCALE(power16, after, -depth_of.x, SCALE_LIMIT);
+        depth = 0.5f * (low + high);
+        rise = (high - low) / (2.0f * TILT_NODE * depth);
+        float16 most = min(SCALE_LIMIT / depth - 1.0f, 1.0f);
+        rise = clamp(rise, -most, most) / CODE_LIMIT;
+    } else
 #endif
-            depth = SCALE(power16, r, -depth_of.x, depth_of.y);
-        vstore16(depth, 0, found[1]);
-        vstore16(rise, 0, found[2]);
-        for (int lane = 0; lane < min(LANES, count - first); lane++)
-            weights[(first + lane) * LAYERS + n] =
-                (float4)(found[0][lane], found[1][lane], found[2][lane], 0.0f);
-    }
+        depth = SCALE(power16, r, -depth_of.x, depth_of.y);
+    vstore16(depth, 0, found.depth);
+    vstore16(rise, 0, found.rise);
+    return found;
 }
 
-// From weights to what blend.cl multiplies by, in place: of the first and of the second of the two
-// samples around the position, in units of the merge for a code; where the first of them is, which
+// What blend.cl multiplies by, from where a triangle stands in layer n: of the first and of the second of
+// the two samples around its place, in units of the merge for a code; where the first of them is, which
 // CODES_BEFORE takes; the rise.
-// steps: displacement of a code, LAYERS x MOST_SAMPLES. unit: of the merge, mesh units. groups, count: as
-// of sample_weights.
-__kernel void coefficients(__global const int *groups, __global const float *steps, float unit,
-                           int count, __global float4 *weights)
+// steps: displacement of a code, LAYERS x MOST_SAMPLES. unit: of the merge, mesh units.
+inline float4 coefficient(int n, float place, float depth, float rise, __global const float *steps,
+                          float unit)
 {
-    int first = first_in_group(groups);
-    for (int t = first; t < min(first + LANES, count); t++)
-        for (int n = 0; n < LAYERS; n++) {
-            float4 w = weights[t * LAYERS + n];
-            int sample = min((int)w.x, SAMPLES_OF(n) - 2);
-            float share = w.x - sample, scale = w.y / unit;
-            __global const float *step = steps + n * MOST_SAMPLES + sample;
-            weights[t * LAYERS + n] =
-                (float4)(scale * (1.0f - share) * step[0], scale * share * step[1],
-                         PLACE_OF(sample * WIDTH), w.z);
-        }
+    int sample = min((int)place, SAMPLES_OF(n) - 2);
+    float share = place - sample, scale = depth / unit;
+    __global const float *step = steps + n * MOST_SAMPLES + sample;
+    return (float4)(scale * (1.0f - share) * step[0], scale * share * step[1],
+                    PLACE_OF(sample * WIDTH), rise);
+}
+
+// The coefficients of every layer of LANES triangles a work-item, LAYERS per triangle, and the gains of
+// their grain (GRAIN_GAIN), unless these are NULL. groups: as in first_in_group, of triangles; count: of
+// all.
+__kernel void coefficients(__global const int *groups, __global const float4 *axes,
+                           __global const float2 *logs, __global const float4 *jacobians,
+                           __global const float2 *directions, int count, float r_max,
+                           float4 exponents, __global const float *steps, float unit,
+                           float grain_exponent, __global float *gains, __global float4 *found)
+{
+    const int first = first_in_group(groups), last = count - 1, lanes = min(LANES, count - first);
+    const triangles_t p = triangles_from(first, last, axes, logs, jacobians);
+    for (int n = 0; n < LAYERS; n++) {
+        standing_t s = standing(n, p, first, last, jacobians, directions, r_max, exponents);
+        for (int i = 0; i < lanes; i++)
+            found[(first + i) * LAYERS + n] =
+                coefficient(n, s.place[i], s.depth[i], s.rise[i], steps, unit);
+    }
+    if (gains) {
+        float gain[LANES];
+        vstore16(GRAIN_GAIN(power16, p.log1, p.log2, grain_exponent), 0, gain);
+        for (int i = 0; i < lanes; i++)
+            gains[first + i] = gain[i];
+    }
 }
 
 // For texels with a stiffness of their own (blend_stiff.cl): r of each layer, LAYERS per triangle;

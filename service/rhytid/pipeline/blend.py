@@ -32,7 +32,7 @@ from rhytid.pipeline.bins import (
 )
 from rhytid.pipeline.cushion import MORE, SAMPLES, CushionTile, cushion_steps, last_stretch
 from rhytid.pipeline.cushion_layer import APRON
-from rhytid.pipeline.grain import fill_gains, grain_amplitude, relief
+from rhytid.pipeline.grain import grain_amplitude, grain_exponent, relief
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.nearby import Groups
 from rhytid.pipeline.reach import SCALE_LIMIT, response_defines
@@ -104,6 +104,7 @@ class Blend:
         self._device, self._bins, self._triangles = device, bins, triangles
         self._last_sample = np.float32(settings.last_sample)
         self._unit = np.float32(unit_of(settings))
+        self._grain_exponent = np.float32(grain_exponent(settings))
         exponents = [response.alpha_d, response.beta_d] if bins.depth_factored else [0.0, 0.0]
         limits = [SCALE_LIMIT, response.pore_depth_limit]
         self._exponents = np.array([*exponents, *limits], np.float32)
@@ -145,17 +146,11 @@ class Blend:
         """Fill the factors in some triangles; None: in all."""
         count, groups = np.int32(self._triangles + 1), wanted or Groups.of(self._triangles + 1)
         self._device.launch(
-            "weights", "sample_weights", (groups.items,), groups.numbers,
-            *self._stretch(stretch), count, self._last_sample, self._exponents, found.own,
+            "weights", "coefficients", (groups.items,), groups.numbers,
+            *self._stretch(stretch), count, self._last_sample, self._exponents,
+            self._steps, self._unit, self._grain_exponent, found.gains, found.own,
             defines={**self._layers, **self._response, **self._oriented},
         )  # fmt: skip
-        self._device.launch(
-            "weights", "coefficients", (groups.count,), groups.numbers,
-            self._steps, self._unit, count, found.own,
-            defines={**self._layers, **self._response, **self._oriented},
-        )  # fmt: skip
-        if found.gains is not None:
-            fill_gains(self._device, self._settings, stretch, found.gains, wanted)
 
     def stretches(self, stretch: StretchBuffers) -> Buffer:
         """Log stretch of each triangle and layer, which `stiff_tile` takes in place of coefficients
