@@ -19,8 +19,8 @@ from api.patch import SETTINGS, obj, smile, upload
 from engine.engines import running
 from exr_images import exr, raw_header, window
 from rhytid.api.documentation import ASSET_FORM
+from rhytid.domain.methods import METHODS, SAMPLINGS
 from rhytid.domain.painted_maps import MOST_TEXELS
-from rhytid.engine.messages import METHODS, SAMPLINGS
 from rhytid.formats.limits import MOST_SIDE
 from rhytid_client import Client
 

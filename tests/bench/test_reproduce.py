@@ -17,7 +17,7 @@ from cli.running import write_neutral
 from meshes import SmallMesh
 from rhytid.cli import main
 from rhytid.device.runtime import Device
-from rhytid.engine.messages import METHODS
+from rhytid.domain.methods import METHODS
 from rhytid_lab.bench.accuracy import PAPER, SOURCES, Accuracy, best, choice, front, memory
 from rhytid_lab.bench.page import page
 from rhytid_lab.bench.report import Report, wrinkles_at

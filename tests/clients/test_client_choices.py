@@ -11,7 +11,7 @@ from mypy import api
 from house.syntax import ROOT
 from rhytid.api.live.wire import CODES as LIVE_FORMATS
 from rhytid.api.schemas import GRAPH_FORMATS
-from rhytid.engine.messages import METHODS, SAMPLINGS, STRETCH_MODELS
+from rhytid.domain.methods import METHODS, SAMPLINGS, STRETCH_MODELS
 from rhytid.exports.meshes import MESH_FORMATS
 from rhytid.formats.tiles import FORMATS
 from rhytid_client import (

@@ -17,7 +17,7 @@ import pytest
 
 from clients.shells import Script, Shell
 from rhytid.cli.serve import PORT
-from rhytid.engine.messages import METHODS
+from rhytid.domain.methods import METHODS
 from rhytid_client import Asset, AsyncClient, Bins, Client, Device, Frame, Job, PlainClient, calls
 from rhytid_client.live.opening import live
 

@@ -15,7 +15,8 @@ from api.live import serving
 from engine.engines import built, running
 from pipeline.scenes import random_graph, settings_of
 from rhytid.domain.mesh import Mesh
-from rhytid.engine.messages import METHODS, SAMPLINGS, STRETCH_MODELS, NewAsset
+from rhytid.domain.methods import METHODS, SAMPLINGS, STRETCH_MODELS
+from rhytid.engine.messages import NewAsset
 
 pytestmark = [pytest.mark.face, pytest.mark.slow]
 SETTINGS = {

@@ -10,8 +10,9 @@ import pytest
 from engine.engines import built, new_asset, settle
 from pipeline.scenes import DEPTH, settings_of, sheet
 from pipeline.test_stage_folding import pressed
+from rhytid.domain.methods import METHODS, SAMPLINGS, STRETCH_MODELS
 from rhytid.engine.device_assets.asset import DeviceAsset
-from rhytid.engine.messages import METHODS, SAMPLINGS, STRETCH_MODELS, MapQuery
+from rhytid.engine.messages import MapQuery
 
 EVERY = [MapQuery(*names) for names in product(METHODS, STRETCH_MODELS, SAMPLINGS)]
 

@@ -11,8 +11,9 @@ from engine.engines import built, running, same
 from meshes import deform
 from pipeline.scenes import settings_of, sheet
 from rhytid.device import select
+from rhytid.domain.methods import METHODS, SAMPLINGS
 from rhytid.domain.painted_maps import Stiffness
-from rhytid.engine.messages import METHODS, SAMPLINGS, MapQuery, NewAsset
+from rhytid.engine.messages import MapQuery, NewAsset
 
 pytestmark = pytest.mark.release
 

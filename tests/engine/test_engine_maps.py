@@ -20,10 +20,11 @@ from meshes import deform, rotate_translate
 from pipeline.scenes import DEPTH, Scene, random_graph, settings_of, sheet
 from reference import drawing
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.methods import SAMPLINGS, STRETCH_MODELS
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets import levels
 from rhytid.engine.frames import Frame
-from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS, MapQuery
+from rhytid.engine.messages import MapQuery
 from rhytid.errors import QueryError
 
 UDIMS = (1001, 1002, 1011, 1012)

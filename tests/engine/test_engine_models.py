@@ -14,9 +14,10 @@ from meshes import deform
 from pipeline.scenes import DEPTH, Scene, random_graph, settings_of, sheet
 from reference import drawing
 from rhytid.domain.asset_settings import PRESETS
+from rhytid.domain.methods import METHODS, STRETCH_MODELS
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.frames import Frame
-from rhytid.engine.messages import METHODS, STRETCH_MODELS, MapQuery, NewAsset
+from rhytid.engine.messages import MapQuery, NewAsset
 from rhytid.engine.tiles.service import displacement_scale
 from rhytid.errors import NotFoundError, SettingsError
 

@@ -13,11 +13,12 @@ from engine.engines import BINNED, QUERIES, REDRAW, built, draw, maps, new_asset
 from meshes import deform
 from pipeline.scenes import sheet
 from reference import slopes as reference
+from rhytid.domain.methods import SLOPES
 from rhytid.domain.tiles import MapAddress, TileAddress
 from rhytid.engine import call_context
 from rhytid.engine.device_assets.slopes import DeviceSlopes
 from rhytid.engine.frames import Frame
-from rhytid.engine.messages import SLOPES, MapQuery
+from rhytid.engine.messages import MapQuery
 from rhytid.engine.tiles.slopes import SlopeDrawing
 from rhytid.errors import CancelledError, DeviceMemoryError
 from rhytid.pipeline import slopes

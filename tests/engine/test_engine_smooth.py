@@ -9,8 +9,9 @@ from engine.engines import REDRAW, assembled, built, new_asset, running, same
 from meshes import deform
 from pipeline.scenes import sheet
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.methods import SAMPLINGS, STRETCH_MODELS
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS, MapQuery
+from rhytid.engine.messages import MapQuery
 
 METHODS = ("redraw", "binned", "convolved")
 QUERIES = [MapQuery(m, stretch, "smooth") for m in METHODS for stretch in STRETCH_MODELS]

@@ -121,12 +121,12 @@ def test_triangles_without_area(small_mesh: SmallMesh) -> None:
     mesh = changed(small_mesh, faces=faces, face_uv=face_uv)
 
     assert np.flatnonzero(Topology.of(mesh).degenerate).tolist() == [7]
-    assert np.flatnonzero(Layout.of(mesh, 256).flat).tolist() == [9]
+    assert np.flatnonzero(Layout.of(mesh, "cm", 256).flat).tolist() == [9]
 
 
 def test_overlap_and_mirrored_parts(small_mesh: SmallMesh) -> None:
     """The right chart laid over the left one, mirrored."""
-    clean = Layout.of(Mesh(*small_mesh), 256)
+    clean = Layout.of(Mesh(*small_mesh), "cm", 256)
     assert (clean.udims, clean.charts, clean.overlaps) == ((1001,), 2, {})
     assert not clean.overlapping.any()
     assert clean.mirrored_share == 0
@@ -134,7 +134,7 @@ def test_overlap_and_mirrored_parts(small_mesh: SmallMesh) -> None:
     uv = small_mesh.uv.astype(np.float64)
     right = np.unique(small_mesh.face_uv[100:])
     uv[right, 0] = 1.0 - uv[right, 0]
-    found = Layout.of(changed(small_mesh, uv=uv), 256)
+    found = Layout.of(changed(small_mesh, uv=uv), "cm", 256)
     assert found.overlaps[1001].most >= 2
     assert found.overlaps[1001].share > 0.5
     assert found.overlapping.mean() > 0.5
@@ -147,7 +147,7 @@ def test_overlapping_triangles_are_told_apart() -> None:
     uv = np.array([[0.1, 0.1], [0.4, 0.1], [0.1, 0.4], [0.6, 0.6], [0.9, 0.6], [0.6, 0.9]])
     points = np.pad(uv, ((0, 0), (0, 1)))
     faces = np.array([[0, 1, 2], [3, 4, 5], [0, 1, 2]])
-    found = Layout.of(Mesh(points, faces, uv, faces), 256)
+    found = Layout.of(Mesh(points, faces, uv, faces), "cm", 256)
 
     assert found.overlapping.tolist() == [True, False, True]
 
@@ -159,7 +159,7 @@ def test_texels_are_as_large_as_their_triangles_say() -> None:
     flat = np.concatenate([corner * 2**i + np.array([9 * i, 0]) for i in range(3)])
     points = np.pad(flat, ((0, 0), (0, 1)))
     faces = np.arange(9).reshape(3, 3)
-    found = Layout.of(Mesh(points, faces, uv, faces), 1024)
+    found = Layout.of(Mesh(points, faces, uv, faces), "cm", 1024)
 
     assert found.texels == pytest.approx(np.array([1, 2, 4]) / 1024, rel=1e-6)
     assert found.extremes == (0, 2, 2)

@@ -26,10 +26,11 @@ from reference.stretch import stretch as reference
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.methods import SLOPES
 from rhytid.domain.residual import Residual
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.engine import Engine
-from rhytid.engine.messages import SLOPES, NewAsset
+from rhytid.engine.messages import NewAsset
 from rhytid.exports.textures.frame_map import local_edges, texels_inside
 from rhytid_lab.samples.face import procedural_face
 from viewer.looking import Look

@@ -20,18 +20,11 @@ from rhytid.api.encoded_tiles import Asked, Known
 from rhytid.api.request_memory import PIECE, RequestMemory
 from rhytid.api.spool import Spool
 from rhytid.device.figures import working_on
+from rhytid.domain.methods import DISPLACEMENT, SLOPES
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.byte_budget import Hold
 from rhytid.engine.changes import Mark
-from rhytid.engine.messages import (
-    DISPLACEMENT,
-    SLOPES,
-    AssetContent,
-    DrawnTile,
-    FrameStretch,
-    MapQuery,
-    TileDescription,
-)
+from rhytid.engine.messages import AssetContent, DrawnTile, FrameStretch, MapQuery, TileDescription
 from rhytid.errors import QueryError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.formats.tiles import FORMATS, OF_SLOPES, SLOPE_CHANNELS, Encoded, encode

@@ -6,16 +6,10 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from rhytid.domain.methods import DISPLACEMENT, LAYERS, METHODS, SAMPLINGS, STRETCH_MODELS
 from rhytid.domain.notices import NOTICES
 from rhytid.domain.warnings import CODES
-from rhytid.engine.messages import (
-    DISPLACEMENT,
-    LAYERS,
-    METHODS,
-    SAMPLINGS,
-    STRETCH_MODELS,
-    MapQuery,
-)
+from rhytid.engine.messages import MapQuery
 from rhytid.exports.curves import CURVE_FORMATS
 from rhytid.exports.meshes import MESH_FORMATS
 from rhytid.formats.tiles import FORMATS

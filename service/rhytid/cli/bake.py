@@ -34,7 +34,8 @@ from rhytid.cli.service_options import add_device, add_shared_store, service_set
 from rhytid.cli.skin_options import add_settings, add_skin, refuse_without_effect, skin_request
 from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.engine.messages import METHODS, MapQuery
+from rhytid.domain.methods import METHODS
+from rhytid.engine.messages import MapQuery
 from rhytid.exports.textures import COMPRESSIONS, USUAL, Shine
 from rhytid.support.build_identity import check_drawing
 from rhytid.support.console import note, report

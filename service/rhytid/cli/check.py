@@ -117,10 +117,10 @@ def _frames(
     from dataclasses import replace
 
     from rhytid.baking.frames import FrameFiles
-    from rhytid.domain.mesh_warnings import FrameCheck, mesh_warnings
+    from rhytid.domain.mesh_warnings import FrameCheck
 
     name, mesh = arguments.mesh.name, check.mesh
-    found = mesh_warnings(mesh, check.unit, check.resolution, check.layout.udims)
+    found = check.layout.warnings
     warnings.add(replace(warning, where=f"{name}, {warning.where}") for warning in found)
     if not arguments.frames and check.file.frames is None and check.file.animation is None:
         return {"frames": 0}

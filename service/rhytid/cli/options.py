@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from rhytid.baking.frame_names import ANY_UDIM, FrameRange, check_file_name
 from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
+from rhytid.domain.methods import SAMPLINGS, STRETCH_MODELS
 from rhytid.domain.warnings import CODES
-from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS
 from rhytid.errors import InputError
 from rhytid.exports.textures import COMPRESSIONS, PROFILE_NAMES, USUAL
 from rhytid.formats.frame_set import Clip

@@ -7,7 +7,7 @@ a mesh of any size, and the device is not needed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rhytid.domain.lengths import MESH_UNITS, MILLIMETRES, millimetres, unit_after_number, unit_pair
 from rhytid.domain.mesh import Mesh, add_centre, float_step
 from rhytid.domain.tiles import mesh_udims, udim_origin
-from rhytid.domain.uv_layout import overlap_of, texel_spread
+from rhytid.domain.uv_layout import Overlap, overlap_of, texel_spread
 from rhytid.domain.warnings import (
     CLAMP_MEDIAN,
     FAR_FROM_ORIGIN,
@@ -58,14 +58,7 @@ def mesh_warnings(
     where the caller has them; to find them takes as long as all checks.
     """
     found = MeasuredMesh(mesh, unit, resolution)
-    return (
-        *found.size(),
-        *found.far(),
-        *found.inward(),
-        *found.mirrored(),
-        *found.texels(),
-        *found.overlaps(mesh_udims(mesh) if udims is None else udims),
-    )
+    return found.warnings(found.overlaps(mesh_udims(mesh) if udims is None else udims))
 
 
 class MeasuredMesh:
@@ -87,6 +80,17 @@ class MeasuredMesh:
         u, w = self.uv[:, 1] - self.uv[:, 0], self.uv[:, 2] - self.uv[:, 0]
         self.uv_area = 0.5 * (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0])
         self.turned = self._cosine() < INWARD_COSINE
+
+    def warnings(self, overlaps: Mapping[int, Overlap]) -> tuple[InputWarning, ...]:
+        """All warnings; overlaps: of the UDIMs of the mesh, as `overlaps` finds them."""
+        return (
+            *self.size(),
+            *self.far(),
+            *self.inward(),
+            *self.mirrored(),
+            *self.texels(),
+            *self.overlapping(overlaps),
+        )
 
     def size(self) -> Iterator[InputWarning]:
         """mesh-size: the longest side of the box around the mesh."""
@@ -176,13 +180,21 @@ class MeasuredMesh:
         )
         yield InputWarning(TEXEL_SIZE, detail, self._place(found.worst))
 
-    def overlaps(self, udims: tuple[int, ...]) -> Iterator[InputWarning]:
-        """uv-overlap: triangles on top of one another in UV, UDIM by UDIM."""
+    def overlaps(self, udims: tuple[int, ...]) -> dict[int, Overlap]:
+        """The overlap of each UDIM, its `uv` within the square; UDIMs without any are left out."""
+        found = {}
         for udim in udims:
             origin = np.array(udim_origin(udim))
-            found = overlap_of(self.uv[self.reaches(origin)] - origin)
-            if found is not None and found.share > OVERLAP_SHARE:
-                u, v = np.array(found.uv) + origin
+            overlap = overlap_of(self.uv[self.reaches(origin)] - origin)
+            if overlap is not None:
+                found[udim] = overlap
+        return found
+
+    def overlapping(self, overlaps: Mapping[int, Overlap]) -> Iterator[InputWarning]:
+        """uv-overlap: triangles on top of one another in UV, UDIM by UDIM."""
+        for udim, found in overlaps.items():
+            if found.share > OVERLAP_SHARE:
+                u, v = np.array(found.uv) + udim_origin(udim)
                 detail = (
                     f"{_percent(found.share)} of the UV area lies under more than one triangle "
                     f"(up to {found.most}): the triangle that comes first in the file wins, skin "

@@ -11,8 +11,9 @@ from typing import Any
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import Lengths
+from rhytid.domain.methods import DISPLACEMENT
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
-from rhytid.engine.messages import DISPLACEMENT, MapQuery
+from rhytid.engine.messages import MapQuery
 
 # Settings that a method does not read: its tiles stay the same when they change. `preset` only
 # names values of `bins`. Every other setting changes the keys.

@@ -19,6 +19,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.methods import DISPLACEMENT, LAYERS, METHODS, SAMPLINGS, STRETCH_MODELS
 from rhytid.domain.notices import Notice
 from rhytid.domain.painted_maps import Controls, Stiffness
 from rhytid.domain.residual import Residual, ScanRelief
@@ -30,11 +31,6 @@ from rhytid.formats.tile_header import TileHeader
 # Displacement (n, n), mesh units, row 0 at the top.
 Tile = NDArray[np.float32]
 Halves = NDArray[np.float16]
-METHODS = ("neutral", "redraw", "binned", "convolved")
-STRETCH_MODELS = ("tensor", "tension", "uv")
-SAMPLINGS = ("nearest", "smooth")
-# What a texel has: its displacement, or moments of the slopes under it.
-LAYERS = DISPLACEMENT, SLOPES = ("displacement", "slopes")
 # The states of a job in which nothing more will happen.
 ENDED_STATES = ("done", "failed", "cancelled")
 

@@ -66,7 +66,7 @@ class MeshCheck:
     def of(cls, file: MeshFile, unit: str, resolution: int) -> MeshCheck:
         """The check of the mesh of a file."""
         mesh = file.mesh
-        return cls(file, unit, resolution, Topology.of(mesh), Layout.of(mesh, resolution))
+        return cls(file, unit, resolution, Topology.of(mesh), Layout.of(mesh, unit, resolution))
 
     @property
     def mesh(self) -> Mesh:

@@ -76,9 +76,10 @@ class _Edges:
     def __init__(self, mesh: Mesh) -> None:
         positions = mesh.positions.astype(np.float64)
         cells = np.round(positions / (_SAME * np.ptp(positions, axis=0).max())).astype(np.int64)
-        _, first, welded = np.unique(cells, axis=0, return_index=True, return_inverse=True)
-        self.points = positions[first]
-        self.faces: IntArray = welded.reshape(-1)[mesh.faces].astype(np.int64)
+        welded = numbered(cells)
+        self.points = np.empty((int(welded.max()) + 1, 3))
+        self.points[welded[::-1]] = positions[::-1]  # the first of those at one place
+        self.faces: IntArray = welded[mesh.faces]
         used = len(distinct(mesh.faces))
         self.unused = len(mesh.positions) - used
         self.split = used - len(distinct(self.faces))
@@ -158,15 +159,30 @@ def joined(ends: IntArray, nodes: int) -> IntArray:
         np.minimum.at(least, np.maximum(one, two)[apart], np.minimum(one, two)[apart])
         while not np.array_equal(jump := least[least], least):
             least = jump
-    _, number = np.unique(least, return_inverse=True)
-    return number.reshape(-1)
+    return _places(least == np.arange(nodes))[least]
+
+
+def numbered(points: NDArray[np.number[Any]]) -> IntArray:
+    """(N,) a number for each of points (N, D), the same for equal ones, in the order of their
+    coordinates: np.unique takes twice as long."""
+    order = np.lexsort(points.T[::-1])
+    new = (points[order[1:]] != points[order[:-1]]).any(axis=1)
+    number = np.zeros(len(points), np.int64)
+    number[order[1:]] = np.cumsum(new)
+    return number
+
+
+def _places(mask: Mask) -> IntArray:
+    """For each that is true, how many are true before it."""
+    places: IntArray = np.cumsum(mask) - 1
+    return places
 
 
 def _by_size(label: IntArray, size: NDArray[np.float64]) -> IntArray:
     """(K,) labels as numbers from 0 on, that of the greatest sum of sizes (K,) first."""
-    _, number = np.unique(label, return_inverse=True)
-    order = np.argsort(-np.bincount(number.reshape(-1), size), kind="stable")
+    number = _places(np.bincount(label) > 0)[label]
+    order = np.argsort(-np.bincount(number, size), kind="stable")
     rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))
-    ranked: IntArray = rank[number.reshape(-1)]
+    ranked: IntArray = rank[number]
     return ranked

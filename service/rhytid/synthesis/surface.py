@@ -239,7 +239,9 @@ def _may_cover(centres: FloatArray, corners: FloatArray) -> bool:
 
     number = cell(centres) @ np.array([1, side])
     order = np.argsort(number, kind="stable")
-    number = number[order]
+    # The place in `order` of the first centre of each square.
+    starts = np.zeros(side * side + 1, np.int64)
+    np.cumsum(np.bincount(number, minlength=side * side), out=starts[1:])
     for start in range(0, len(centres), _AT_ONCE):
         cancellation.check()
         own = np.arange(start, min(start + _AT_ONCE, len(centres)))
@@ -251,8 +253,8 @@ def _may_cover(centres: FloatArray, corners: FloatArray) -> bool:
             return True
         of, row = _counted(rows)
         row = (row + first[of, 1]) * side
-        begin = np.searchsorted(number, row + first[of, 0])
-        count = np.searchsorted(number, row + last[of, 0], "right") - begin
+        begin = starts[row + first[of, 0]]
+        count = starts[row + last[of, 0] + 1] - begin
         if count.sum() > _CELLS * len(own):
             return True
         which, step = _counted(count)

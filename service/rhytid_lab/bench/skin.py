@@ -13,10 +13,11 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.methods import METHODS
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import Frame
-from rhytid.engine.messages import METHODS, MapQuery
+from rhytid.engine.messages import MapQuery
 from rhytid.pipeline.bins import ShareRange
 
 Map = NDArray[np.float32]

@@ -23,8 +23,8 @@ from rhytid.baking.baker import Baker
 from rhytid.baking.frames import frame_sources, frames_list
 from rhytid.baking.inputs import BakeInputs
 from rhytid.baking.request import CHUNK, BakeRequest, BakeSummary
+from rhytid.domain.methods import METHODS
 from rhytid.domain.wording import plural
-from rhytid.engine.messages import METHODS
 from rhytid.errors import InputError, LimitError
 from rhytid.support.atomic_files import atomic_write, write_file, write_pieces
 from rhytid.support.build_identity import drawing_version

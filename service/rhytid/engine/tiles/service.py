@@ -12,6 +12,7 @@ from rhytid.device.figures import spent_on
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.bin_manifest import BinManifest
+from rhytid.domain.methods import SLOPES
 from rhytid.domain.tiles import MapAddress, TileAddress
 from rhytid.engine.assets.asset import Asset, AssetRegistry
 from rhytid.engine.assets.on_device import DeviceAssets
@@ -19,7 +20,6 @@ from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import Frame
 from rhytid.engine.keys import map_key
 from rhytid.engine.messages import (
-    SLOPES,
     DrawnTile,
     HalfTile,
     Halves,

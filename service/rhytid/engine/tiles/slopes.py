@@ -13,13 +13,14 @@ from typing import TypeVar
 import numpy as np
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.methods import DISPLACEMENT
 from rhytid.domain.tiles import MapAddress
 from rhytid.engine import call_context
 from rhytid.engine.assets.asset import Asset
 from rhytid.engine.assets.on_device import DeviceAssets, Evicted
 from rhytid.engine.device_assets.slopes import DeviceSlopes
 from rhytid.engine.frames import Frame
-from rhytid.engine.messages import DISPLACEMENT, MapQuery, Tile
+from rhytid.engine.messages import MapQuery, Tile
 from rhytid.engine.tiles.maps import MapDrawing
 from rhytid.errors import ChangingError, DeviceMemoryError
 from rhytid.pipeline.slopes import MOMENTS, SlopeWork, moments
