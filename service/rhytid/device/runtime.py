@@ -15,7 +15,7 @@ from numpy.typing import DTypeLike, NDArray
 import rhytid_kernels
 from rhytid.device import driver
 from rhytid.device.budget import BufferPool, MemoryBudget, Releasable
-from rhytid.device.buffer import Buffer
+from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.driver import cl, driver_errors
 from rhytid.device.figures import DROPPED, Figures
 from rhytid.device.launches import (
@@ -46,18 +46,18 @@ class Steps:
     def __init__(self, call: Callable[..., Any], check: Callable[[], None] | None = None) -> None:
         self._call, self._checks = call, [] if check is None else [check]
         self._launches: list[Callable[[], None]] = []
-        self._made: list[Buffer] = []
+        self._made: list[Buffer | BufferGroup] = []
 
     def later(self, launch: Callable[[], None]) -> None:
         """Run a launch with the next step."""
         self._launches.append(launch)
 
     def step(self, task: Callable[[], Any]) -> Any:
-        """Run a task after all launches so far, and return its result. A buffer that it returns
-        counts as made by it."""
+        """Run a task after all launches so far, and return its result. A buffer, or a group of
+        them, that it returns counts as made by it."""
         launches, self._launches = self._launches, []
         found = self._call(_in_order, [*self._checks, *launches], task)
-        if isinstance(found, Buffer):
+        if isinstance(found, Buffer | BufferGroup):
             self._made.append(found)
         return found
 
@@ -160,7 +160,8 @@ class Device:
     @_stepped
     def step(self, task: Callable[[], T]) -> T:
         """Run a task in a task of the device, after all launches so far, and return its result. A
-        buffer that it returns is given back where the block of `in_steps` fails."""
+        buffer, or a group of them, that it returns is given back where the block of `in_steps`
+        fails."""
         return task()
 
     def hand_over(self) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from rhytid.domain.painted_maps import Stiffness
 from rhytid.pipeline.bins import (
     CODES,
     TILT_SHARE,
+    ShareRange,
     code_limit,
     depth_limits,
     directions,
@@ -114,8 +115,6 @@ class BinMaker:
         self._device, self._elements, self._located = device, elements, located
         self._stiffness = stiffness
         self._settings = settings
-        steps = quantisation_steps(settings, elements.share_range)
-        self._per_step = 1.0 / np.maximum(steps, 1e-30)
         bins = settings.bins
         self._code_defines = {"CODE": CODES[bins.bits], "CODE_LIMIT": code_limit(bins.bits)}
         self._runs = [run for layer in range(bins.count + 1) for run in self._runs_of(layer)]
@@ -146,14 +145,8 @@ class BinMaker:
         for."""
         bins = self._settings.bins
         codes = self._device.empty(map_count(bins) * square[2] ** 2, f"i{bins.bits // 8}")
-        stretches = [self._stretches(run) for run in self._runs]
-        drawn = [
-            (run.maps, partial(self._launch, run, given, square, codes))
-            for run, given in zip(self._runs, stretches, strict=True)
-        ]
+        drawn = [(run.maps, partial(self._launch, run, square, codes)) for run in self._runs]
         self._in_steps(drawn, self._elements.work.of(*square))
-        for given in stretches:
-            given[-1].release()
         return codes
 
     def _runs_of(self, layer: int) -> list[_Run]:
@@ -193,14 +186,19 @@ class BinMaker:
     def _tile(self, square: Square, codes: Buffer) -> BinTile:
         """The tile of codes, with the triangles and the stiffness of its texels."""
         side, (row, column, texels) = self._settings.resolution, square
-        triangles = self._located.texels(side, row, column, texels)
-        found = VectorTriangles.of(self._device, triangles, texels * texels)
-        triangles.release()
+        found = self._device.step(partial(self._triangles, square))
         stiffness = stiffness_of_texels(
             self._device, self._stiffness, self._located.udim, side, row, column, texels
         )
         place = (np.int32(texels), np.int32(side), np.int32(row), np.int32(column))
         return BinTile(found, codes, texels * texels, place, stiffness, self._cushion(square))
+
+    def _triangles(self, square: Square) -> VectorTriangles:
+        """The triangles of the texels of a square, in a task of the device."""
+        triangles = self._located.texels(self._settings.resolution, *square)
+        found = VectorTriangles.of(self._device, triangles, square[2] ** 2)
+        triangles.release()
+        return found
 
     def _cushion(self, square: Square) -> CushionTile | None:
         """The broad layer around a square, None where there is none."""
@@ -208,29 +206,11 @@ class BinMaker:
             return None
         return CushionMaker(self._device, self._elements, self._settings).tile(square)
 
-    def _stretches(self, run: _Run) -> tuple[Buffer, ...]:
-        """The stretches at which a run draws, as `UdimElements.stretches` has them."""
-        settings, layer = self._settings, run.layer
-        drawn = [self._stretch(layer, sample) for sample in run.samples]
-        if run.tilted:
-            width = tilt_width(settings)
-            drawn += [DrawnStretch(0.0, width, 1.0, lean=lean) for lean in (1.0, -1.0)]
-        return self._elements.stretches(self._device, settings.response, drawn)
-
-    def _stretch(self, layer: int, sample: int) -> DrawnStretch:
-        settings, response = self._settings, self._settings.response
-        r = float(sample_stretches(settings, layer)[sample])
-        exponent, most = drawn_depth_exponents(settings)[layer], depth_limits(settings)[layer]
-        widening = response.beta_w if layer == settings.bins.count else response.alpha_w
-        return DrawnStretch(
-            r, scale(response, r, widening), scale(response, r, -exponent, most),
-            float(self._per_step[layer, sample]),
-        )  # fmt: skip
-
-    def _launch(
-        self, run: _Run, stretches: tuple[Buffer, ...], square: Square, codes: Buffer
-    ) -> None:
-        elements, bins = self._elements, self._settings.bins
+    def _launch(self, run: _Run, square: Square, codes: Buffer) -> None:
+        """Draw the maps of a run, in a task of the device."""
+        elements, settings, bins = self._elements, self._settings, self._settings.bins
+        drawn = _drawn(settings, elements.share_range, run)
+        stretches = elements.stretches(self._device, settings.response, drawn)
         if run.layer < bins.count:
             kernel, lists = "draw_wrinkle_bin", elements.wrinkle_lists
             given = (*elements.line_arguments, *stretches, elements.bins, np.int32(run.layer))
@@ -239,7 +219,7 @@ class BinMaker:
             kernel, lists = "draw_pore_layer", elements.pore_lists
             given = (elements.centres, elements.roots, stretches[-1])
         launch_blocks(
-            self._device, "bins", kernel, self._settings, elements, square,
+            self._device, "bins", kernel, settings, elements, square,
             *given, lists.offsets, lists.members, into=(self._places(run), codes),
             defines={
                 **self._code_defines, **elements.share_defines, "STRETCHES": len(run.samples),
@@ -248,6 +228,7 @@ class BinMaker:
             },
             maps=run.share,
         )  # fmt: skip
+        stretches[-1].release()
 
     def _tilt(self, layer: int) -> NDArray[np.float32]:
         """The argument `tilt` of a bin."""
@@ -261,6 +242,27 @@ class BinMaker:
         first = run.layer * (count * bins.samples + bins.tilt)
         tilt, behind = first + count * bins.samples, bins.layer_samples[run.layer]
         return np.array([first + run.samples.start, map_count(bins), behind, tilt], np.int32)
+
+
+@lru_cache(maxsize=64)  # the same for every tile
+def _drawn(settings: AssetSettings, shares: ShareRange, run: _Run) -> tuple[DrawnStretch, ...]:
+    """The stretches at which a run draws."""
+    response, layer = settings.response, run.layer
+    per_step = 1.0 / np.maximum(quantisation_steps(settings, shares)[layer], 1e-30)
+    exponent, most = drawn_depth_exponents(settings)[layer], depth_limits(settings)[layer]
+    widening = response.beta_w if layer == settings.bins.count else response.alpha_w
+    drawn = [
+        DrawnStretch(
+            r, scale(response, r, widening), scale(response, r, -exponent, most),
+            float(per_step[sample]),
+        )
+        for sample, r in enumerate(sample_stretches(settings, layer).tolist())
+        if sample in run.samples
+    ]  # fmt: skip
+    if run.tilted:
+        width = tilt_width(settings)
+        drawn += [DrawnStretch(0.0, width, 1.0, lean=lean) for lean in (1.0, -1.0)]
+    return tuple(drawn)
 
 
 def _each(launches: Sequence[_Launch]) -> None:
