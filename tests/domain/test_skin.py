@@ -158,6 +158,7 @@ def test_coarse_regions_are_these() -> None:
     patchiness = {n: found[n].patchiness for n in ("forehead", "nose", "eye_corner", "neck")}
     assert patchiness == {"forehead": 2.6, "nose": 0.9, "eye_corner": 1.2, "neck": 3.3}
     assert (found["neck"].leading, found["mouth"].leading) == (1.2, 0.55)
+    assert all(region.creases == region.uneven == 0.0 for region in found.values())
     assert regions("fine") is REGIONS
 
 

@@ -21,6 +21,7 @@ from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.generate import Synthesis, synthesize
 from rhytid.synthesis.leader_families import (
+    CREASES,
     CROSSING,
     FROWN_LEFT,
     FROWN_RIGHT,
@@ -184,6 +185,35 @@ def test_a_frown_has_one_line_a_side_and_nothing_beside_it(device: Device, apart
     others = pores.points.position[~np.isin(pores.line, np.flatnonzero(np.isin(family, pair)))]
     assert len(others) > 50
     assert cKDTree(others).query(np.concatenate(lines))[0].min() > 3 * MILLIMETRE
+
+
+def lip(share: float = 1.0) -> np.ndarray:
+    """(V,) a lip 12 mm high all along the middle of the sheet, with a border 4 mm wide."""
+    border = (np.abs(MESH.positions[:, 1] - 0.5) - 4 * MILLIMETRE) / (4 * MILLIMETRE)
+    return (share * np.clip(1.0 - border, 0.0, 1.0)).astype(np.float32)
+
+
+def test_lips_have_creases_across_them_up_to_their_border(device: Device) -> None:
+    """Skin folds right of the middle alone; lips have creases whatever folds them."""
+    found = replace(folds(angle=90.0), regions={"lip": lip()})
+    leaders, pores = traced(device, MESH, found, spacing=SPACING)
+    family = leaders.courses.wishes.family[leaders.row]
+    creases = np.flatnonzero(family == CREASES.number)
+    lines = [pores.points.position[pores.line == n] for n in creases]
+    lines = [line for line in lines if len(line) > 1]
+    assert len(lines) > 20
+    length = np.array([np.ptp(line[:, 1]) for line in lines]) / MILLIMETRE
+    assert 2.0 < length.min() < 5.0 < length.max() < 11.0
+    assert np.median([np.ptp(x[:, 0]) / np.ptp(x[:, 1]) for x in lines]) < 0.3
+    every = np.concatenate(lines)
+    assert np.abs(every[:, 1] - 0.5).max() < 7.5 * MILLIMETRE
+    assert every[:, 0].min() < 0.2 < 0.8 < every[:, 0].max()
+    middle = np.array([line.mean(axis=0) for line in lines])
+    apart = cKDTree(middle).query(middle, k=2)[0][:, 1] / MILLIMETRE
+    assert apart.min() > 0.4
+    assert apart.std() > 0.15 * apart.mean()
+    none = traced(device, MESH, replace(found, regions={"cheek": lip()}))[0]
+    assert not (none.courses.wishes.family[none.row] == CREASES.number).any()
 
 
 def test_they_taper_to_both_ends_and_differ_in_depth(device: Device) -> None:

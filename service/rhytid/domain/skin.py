@@ -64,7 +64,9 @@ class Region:
     strength of lines, primary ones too: below 1 skin that folds is smoother at rest.  patchiness:
     how far patches of some millimetres differ.  leading: of how far skin that folds has leaders, at
     any age.  crossed: of how far it has long level ones, too, whatever else folds it.  rings: how
-    far it has long soft lines around the vertical axis.  old: what age makes of the others.
+    far it has long soft lines around the vertical axis.  creases: how far it has upright ones close
+    together, as lips do.  uneven: how far lines between leaders differ by chance from those beside
+    them.  old: what age makes of the others.
     """
 
     density: float = 1.0
@@ -83,6 +85,8 @@ class Region:
     leading: float = 1.0
     crossed: float = 0.0
     rings: float = 0.0
+    creases: float = 0.0
+    uneven: float = 0.0
     old: Old = Old()
 
 
@@ -148,6 +152,7 @@ REGIONS: dict[str, Region] = {
         grain=0.7,
         undulation=2.4,
         leading=0.2,
+        creases=1.0,
         patchiness=1.2,
         old=Old(strength=1.3, anisotropy=1.0, contrast=1.15, grain=1.4),
     ),
@@ -187,7 +192,7 @@ REGIONS: dict[str, Region] = {
     # mouth folds more than all else of the face, and shows little of it at rest.
     "mouth": Region(
         density=0.5,
-        strength=1.4,
+        strength=1.48,
         pore_strength=0.92,
         anisotropy=2.0,
         scale=1.12,
@@ -197,6 +202,7 @@ REGIONS: dict[str, Region] = {
         folded=0.35,
         patchiness=1.15,
         leading=0.85,
+        uneven=1.0,
         old=Old(strength=2.1, pore_strength=1.2, anisotropy=1.3, contrast=1.2, grain=1.4),
     ),
 }
@@ -224,6 +230,7 @@ _COARSE: dict[str, dict[str, Any]] = {
         "scale": 0.9,
         "pore_radius": 0.35,
         "patchiness": 0.6,
+        "creases": 0.0,
     },
     "eye_corner": {"density": 1.5, "strength": 1.2, "pore_strength": 0.8, "scale": 0.85},
     "neck": {
@@ -244,6 +251,7 @@ _COARSE: dict[str, dict[str, Any]] = {
         "scale": 1.25,
         "patchiness": 0.8,
         "leading": 0.55,
+        "uneven": 0.0,
         "old": Old(strength=1.6, pore_strength=1.3, anisotropy=1.3, contrast=1.2, grain=1.4),
     },
 }

@@ -13,7 +13,7 @@ from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.events import Events
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.hashes import place_keys
-from rhytid.synthesis.lines import Lines, ends_of
+from rhytid.synthesis.lines import Lines, ends_of, joins_of
 from rhytid.synthesis.pore_density import Usual
 from rhytid.synthesis.progress import Progress, over_block, part, row_blocks
 from rhytid.synthesis.ranks import Ranks, Strips
@@ -21,6 +21,7 @@ from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.charts import trace
 from rhytid.synthesis.seams.copies import Arrays, with_copies
 from rhytid.synthesis.shapes import pore_axes, pore_ellipses
+from rhytid.synthesis.strands import unevenness
 from rhytid.synthesis.surface import Points, Surface
 
 _LEAST_WEIGHT = 1e-4
@@ -85,7 +86,14 @@ class GraphParts:
         none = np.zeros(len(lines.owner), np.float32)
         ranks = self.strengths.ranks
         leads = None if ranks is None else ranks.leads[lines.edge]
-        ends = ends_of(ground, pores, lines, weight, half_width, width, leads)
+        joins = joins_of(ground, pores, lines, weight, leads)
+        if ranks is not None:
+            amount = ranks.unevenness(lines.edge, lines.pores)
+            fainter, narrower = unevenness(pores, lines, joins.partners, amount, self.seed)
+            _scale(weight, fainter)
+            width *= narrower
+            half_width *= narrower
+        ends = ends_of(lines, joins, weight, half_width, width)
         of_lines(0.9, "shapes")
         arrays = {
             "node_uv": np.concatenate([pores.uv, lines.beyond]),

@@ -101,6 +101,14 @@ class Fields:
         """How far skin has rings, long soft level lines: 0 to 1."""
         return np.zeros(len(triangle), np.float32)
 
+    def creases(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin has creases, upright lines close together: 0 to 1."""
+        return np.zeros(len(triangle), np.float32)
+
+    def uneven(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far lines differ from those beside them where skin has leaders: 0 to 1."""
+        return np.zeros(len(triangle), np.float32)
+
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians by which the preferred direction turns left, seen from outside."""
         return np.zeros(len(triangle), np.float32)

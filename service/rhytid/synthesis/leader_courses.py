@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.support import cancellation
 from rhytid.synthesis.candidate_graph import Ground
-from rhytid.synthesis.fields import SmoothNoise, level_directions
+from rhytid.synthesis.fields import Fields, SmoothNoise, level_directions
 from rhytid.synthesis.hashes import Words, place_keys, unit_intervals
 from rhytid.synthesis.leader_families import FAMILIES, FIRST, SEEDS, Family
 from rhytid.synthesis.painting import normals_at
@@ -123,10 +124,14 @@ class Courses:
     @classmethod
     def traced(cls, ground: Ground, millimetre: float, seed: int) -> Courses:
         """Lines from seeds all over the skin that has leaders, family after family."""
-        radius = SEEDS * millimetre / SPACING
-        seeds = scatter_pores(ground.work, ground.surface, radius, seed ^ _SEED, silent)
-        key = place_keys(seeds.uv)
-        parts = [_Tracer(ground, millimetre, seed, f).courses(seeds, key) for f in FAMILIES]
+        every, parts = _seeds(ground, SEEDS * millimetre, seed, Fields()), []
+        for family in FAMILIES:
+            seeds = every
+            if family.seeds < SEEDS:
+                where = _Where(ground.fields, family)
+                seeds = _seeds(ground, family.seeds * millimetre, seed, where)
+            tracer = _Tracer(ground, millimetre, seed, family)
+            parts.append(tracer.courses(seeds, place_keys(seeds.uv)))
         return cls.joined(parts)
 
     @classmethod
@@ -216,6 +221,27 @@ def _over(
     left[rows] = np.einsum("nij,nj->ni", borders.turn_from_mate(mate), left[rows])
     triangle[rows] = borders.triangle[mate]
     return rows
+
+
+def _seeds(ground: Ground, spacing: float, seed: int, fields: Fields) -> Points:
+    """Seeds of lines, so far apart on the surface."""
+    return scatter_pores(
+        ground.work, ground.surface, spacing / SPACING, seed ^ _SEED, silent, fields
+    )
+
+
+class _Where(Fields):
+    """Skin that is bare where it has no leaders of a family: seeds so dense are no use there."""
+
+    some_bare = True
+
+    def __init__(self, fields: Fields, family: Family) -> None:
+        self._fields, self._family, self.detail = fields, family, fields.detail
+
+    def bare(self, triangle: NDArray[Any], uv: NDArray[Any]) -> BoolArray:
+        """Whether lines of the family cannot begin."""
+        found: BoolArray = self._family.leading(self._fields, triangle, uv) < _BEGINS
+        return found
 
 
 class _Tracer:

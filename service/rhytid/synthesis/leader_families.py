@@ -2,7 +2,8 @@
 
 Leaders follow the preferred directions. Where skin folds two ways as much, as between the brows,
 which a frown folds upright and a raise folds level, the preferred direction is one of the two or
-neither, and level ones cross the others. A neck has rings, and a frown a pair of upright lines.
+neither, and level ones cross the others. A neck has rings, a frown a pair of upright lines, and a
+lip creases.
 """
 
 from __future__ import annotations
@@ -28,18 +29,18 @@ class Family:
     """One kind of leaders.
 
     leading: (N,) how far skin has them, at triangles (N,) and uv (N, 2).  turn: (N,) radians to the
-    left from the level direction to them.  number: of the family.  seeds: millimetres from seed
-    to seed, SEEDS or more.  pace: millimetres from point to point along them.  shortest, longest:
-    millimetres.  apart, farther: millimetres between small ones, and how much farther the largest
-    are from others.  least: size of the smallest, 0 to 1.  chance: the least factor of the
-    distance, and how much larger it may be.  broad, deep: factors of how broad and how deep they
-    are.  crossed: whether others may cross them.  single: whether there is one alone, along which
-    skin has it most, and which no line before it cuts.  winding: how far they wind about their
-    direction, radians, and over which lengths, millimetres.  waves: lengths of those of their
-    depth, millimetres, from, and by chance how much longer.  uneven: how high each of these is;
-    where their sum is below -1 a line is broken.  takes: of the shortening of skin, what one takes
-    in its middle at rank 1, of what it would by itself.  strip: how far it takes that from, in pore
-    spacings.
+    left from the level direction to them.  number: of the family.  seeds: millimetres from seed to
+    seed; below SEEDS they have seeds of their own.  pace: millimetres from point to point along
+    them.  shortest, longest: millimetres.  apart, farther: millimetres between small ones, and how
+    much farther the largest are from others.  least: size of the smallest, 0 to 1.  chance: the
+    least factor of the distance, and how much larger it may be.  broad, deep: factors of how broad
+    and how deep they are.  crossed: whether others may cross them.  single: whether there is one
+    alone, along which skin has it most, and which no line before it cuts.  winding: how far they
+    wind about their direction, radians, and over which lengths, millimetres.  waves: lengths of
+    those of their depth, millimetres, from, and by chance how much longer.  uneven: how high each
+    of these is; where their sum is below -1 a line is broken.  takes: of the shortening of skin,
+    what one takes in its middle at rank 1, of what it would by itself.  strip: how far it takes
+    that from, in pore spacings.
     """
 
     leading: Values
@@ -126,8 +127,29 @@ FROWN_LEFT = Family(
 FROWN_RIGHT = replace(
     FROWN_LEFT, number=4, leading=lambda f, *place: np.maximum(-f.frown(*place), 0.0)
 )
+# Lips have short ones, close together, across them and up to their border.
+CREASES = Family(
+    lambda f, *place: f.creases(*place),
+    _upright,
+    number=5,
+    seeds=1.0,
+    pace=0.7,
+    shortest=2.5,
+    longest=9.0,
+    apart=0.7,
+    farther=0.7,
+    least=0.25,
+    chance=(0.5, 1.7),
+    broad=0.4,
+    deep=0.8,
+    winding=((0.22, 5.0), (0.18, 1.5)),
+    waves=((2.0, 2.0), (4.0, 3.0), (8.0, 6.0)),
+    uneven=0.35,
+    takes=1.6,
+    strip=3.0,
+)
 # By number.
-FAMILIES = (PREFERRED, CROSSING, RINGS, FROWN_LEFT, FROWN_RIGHT)
+FAMILIES = (PREFERRED, CROSSING, RINGS, FROWN_LEFT, FROWN_RIGHT, CREASES)
 # Those that come before the others.
 FIRST = tuple(family.number for family in (RINGS, FROWN_LEFT, FROWN_RIGHT))
 # Those that expressions leave behind.
@@ -144,5 +166,7 @@ def leading_of(
     number: NDArray[Any], fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]
 ) -> Factors:
     """(N,) how far skin has leaders of families by their numbers (N,)."""
-    rings = RINGS.leading(fields, triangle, uv)
-    return np.where(number == RINGS.number, rings, leading_any_way(fields, triangle, uv))
+    found = leading_any_way(fields, triangle, uv)
+    for family in (RINGS, CREASES):
+        found = np.where(number == family.number, family.leading(fields, triangle, uv), found)
+    return found

@@ -19,8 +19,9 @@ from rhytid.support import cancellation
 from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.hashes import unit_intervals
 from rhytid.synthesis.leader_courses import Courses, starts
-from rhytid.synthesis.leader_families import FAMILIES, RINGS, Family, leading_of
+from rhytid.synthesis.leader_families import CREASES, FAMILIES, RINGS, Family, leading_of
 from rhytid.synthesis.pore_density import spacings
+from rhytid.synthesis.seams.borders import NONE
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, unit
 
 # Of the distance that a larger line keeps from others, what it keeps from smaller ones at least.
@@ -33,6 +34,8 @@ _ALONG = 2.2
 _PACE = 1.15
 # Share of its length over which a line tapers to either end, and how broad the ends are.
 _TAPER, _ENDS = 0.34, 0.5
+# Families to which others come as near as the smaller of both distances.
+_ALONE = (RINGS.number, CREASES.number)
 # Points of a chosen line around which others are looked for at a time.
 _TOGETHER = 16
 # Runs of true values in an array of them: of a few tens, searched as text they are found soonest.
@@ -226,8 +229,8 @@ class _Beside:
         self._normal = courses.points.normal.astype(np.float64)
         line, wishes = courses.line, courses.wishes
         self._reach, self._family = wishes.apart, wishes.family
-        self._ring = wishes.family == RINGS.number
-        self._apart, self._of_rings = wishes.apart[line], self._ring[line]
+        self._kind = np.where(np.isin(wishes.family, _ALONE), wishes.family, NONE)
+        self._apart, self._kinds = wishes.apart[line], self._kind[line]
         single = [family.number for family in FAMILIES if family.single]
         self._cut = ~np.isin(wishes.family, single)[line]
         # A tree whose points are left one after the other is not worth balancing.
@@ -240,7 +243,7 @@ class _Beside:
         place, way, reach = self._position[points], self._way[points], self._reach[row]
         near = self._near(place, reach)
         near = near[free[near] & self._cut[near]]
-        alike = self._of_rings[near] == self._ring[row]
+        alike = self._kinds[near] == self._kind[row]
         limit = np.minimum(self._apart[near], reach)
         limit = np.where(alike, np.maximum(limit, _BESIDE * reach), limit)
         apart = self._position[near][:, None] - place

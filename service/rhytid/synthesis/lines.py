@@ -183,21 +183,22 @@ class Ends:
         }
 
 
-def ends_of(
-    ground: Ground,
-    pores: Points,
-    lines: Lines,
-    weight: Singles,
-    half_width: Singles,
-    width: Singles,
-    leads: BoolArray | None = None,
-) -> Ends:
-    """The values of the stored lines at their ends, and the lines that continue them there.
+@dataclass(frozen=True, eq=False)
+class Joins:
+    """How W stored lines continue one another at their ends: slopes (W, 2) and partners (W, 2),
+    below 0 for none."""
 
-    weight, half_width (W,): of each line.  width (W,): half width on the surface. Where a line
-    continues another, both have the means of the two at their common pore. A line that ends on
-    others, or alone, has less there.  leads (W,): lines that continue one another before all
-    others do. At a seam a line goes straight over to its other half.
+    slopes: Singles
+    partners: Indices
+
+
+def joins_of(
+    ground: Ground, pores: Points, lines: Lines, weight: Singles, leads: BoolArray | None = None
+) -> Joins:
+    """The lines that continue one another.
+
+    weight (W,): of each; heavy ones come first.  leads (W,): lines that continue one another before
+    all others do. At a seam a line goes straight over to its other half.
     """
     before = weight if leads is None else weight + _BEFORE * leads
     slopes, partners = _paired(ground, pores, lines, before)
@@ -205,14 +206,27 @@ def ends_of(
     one = lines.copy_of[two]
     slopes[two, 1], slopes[one, 1] = slopes[one, 1], 0.0
     partners[two, 1], partners[one, 1], partners[two, 0] = partners[one, 1], two, one
+    return Joins(slopes, partners)
+
+
+def ends_of(
+    lines: Lines, joins: Joins, weight: Singles, half_width: Singles, width: Singles
+) -> Ends:
+    """The values of the stored lines at their ends, and the lines that continue them there.
+
+    weight, half_width (W,): of each line.  width (W,): half width on the surface. Where a line
+    continues another, both have the means of the two at their common pore. A line that ends on
+    others, or alone, has less there.
+    """
+    partners, two = joins.partners, np.arange(lines.whole, len(weight), dtype=np.int32)
+    one = lines.copy_of[two]
     weights, widths = _at_ends(weight, partners, 0), _at_ends(width, partners, 1)
     for values in (weights, widths):  # halves meet with the mean of their pores' ends
         values[one, 1] = values[two, 0] = 0.5 * (values[one, 0] + values[two, 1])
     widths *= (half_width / width)[:, None]
     np.clip(weights, 0.0, 1.0, out=weights)
     np.clip(widths, np.float32(LEAST_SIZE), 1.0, out=widths)
-    np.maximum(partners, NOTHING, out=partners)
-    return Ends(slopes, weights, widths, partners)
+    return Ends(joins.slopes, weights, widths, np.maximum(partners, NOTHING))
 
 
 def _at_ends(values: Singles, partners: Indices, k: int) -> Singles:

@@ -42,7 +42,9 @@ _PATCHED_LOOKS = 0.5
 _SLACK = 1.0 + 1e-5
 _FACTORS = ("density", "strength", "anisotropy", "scale", "pore_radius")
 # What regions have that is no factor, and mixed as it is.
-_PLAIN = ("turn", "crossed", "rings")
+# Shares of a region with creases at which these begin, and are as deep as anywhere.
+_NO_CREASES, _CREASED = np.float32(0.35), np.float32(0.85)
+_PLAIN = ("turn", "crossed", "rings", "creases", "uneven")
 
 
 def fields_of(
@@ -229,6 +231,18 @@ class PaintedFields(Fields):
     def rings(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far skin has rings: of the regions."""
         return self._region("rings", triangle, uv)
+
+    def creases(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin has creases: of the regions, not beyond the middle of their border."""
+        share = self._region("creases", triangle, uv)
+        share -= _NO_CREASES
+        share /= _CREASED - _NO_CREASES
+        np.clip(share, 0.0, 1.0, out=share)
+        return share
+
+    def uneven(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far lines differ from those beside them: of the regions."""
+        return self._region("uneven", triangle, uv)
 
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians to the left from the level direction. Painted directions, then folds, take the

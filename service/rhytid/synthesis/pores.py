@@ -84,7 +84,7 @@ def scatter_around(
         selection = DartSelection(nested, darts, radius, fields, a_room * darts.filled)
         if first is not None and len(first):
             selection.start_with(first, spacings(fields, first.triangle, first.uv))
-        every = sum(DARTS) * a_room * darts.room
+        every = max(sum(DARTS) * a_room * darts.room, 1.0)
         done = 0
         for turn, share in enumerate(DARTS):
             for thrown in darts.throws(turn, share * a_room, selection):

@@ -16,7 +16,7 @@ from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.skin import wear
 from rhytid.synthesis.candidate_graph import CandidateGraph
 from rhytid.synthesis.fields import Fields
-from rhytid.synthesis.leader_families import FAMILIES, leading_any_way
+from rhytid.synthesis.leader_families import CREASES, FAMILIES, leading_any_way
 from rhytid.synthesis.leaders import LeaderPores
 from rhytid.synthesis.shapes import WIDE
 
@@ -38,6 +38,8 @@ _NARROW, _BROAD = 0.6, 1.25
 # How far other lines are fainter: beside a leader, and where skin folds one way; how far from a
 # leader, in pore spacings, the first ends.
 _BESIDE, _FOLDED, _REACH = 0.3, 0.5, 4.0
+# The same where skin has creases.
+_CREASED = 0.7
 # How much less of the shortening than its family says a leader of weight 1 takes. It fades to the
 # ends as the depth does, for pressed skin would make cuts of them. What others are left at least,
 # of what they would take.
@@ -60,7 +62,8 @@ class Ranks:
     half widths of leaders, in pore spacings.  profile (E,) float32: of leaders, from 0 at both ends
     to 1; 0 of other edges.  family (E,) int8: of leaders, the number; 0 of other edges.
     quiet (N,) float32: factor of the weight of other lines at each pore.
-    of_pores (N,) float32: factor of the depth of the pores.  rank: the setting.
+    of_pores (N,) float32: factor of the depth of the pores.  uneven (N,) float32: how far
+    other lines differ by chance from those beside them, at each pore.  rank: the setting.
     """
 
     weight: Singles
@@ -70,6 +73,7 @@ class Ranks:
     family: NDArray[np.int8]
     quiet: Singles
     of_pores: Singles
+    uneven: Singles
     rank: float
 
     @classmethod
@@ -101,12 +105,13 @@ class Ranks:
         near = _nearness(net, leaders, _REACH * spacing)
         leading = leading_any_way(fields, net.pores.triangle, net.pores.uv)
         quiet = (1.0 - _BESIDE * near) * (1.0 - _FOLDED * leading)
+        quiet *= 1.0 - _CREASED * CREASES.leading(fields, net.pores.triangle, net.pores.uv)
         quiet *= (_OLD_OTHERS if worn > 0.0 else _YOUNG_OTHERS) ** (worn * leading)
         of_pores = np.ones(len(net.pores), np.float32)
         of_pores[net.first] = _BEADS ** min(rank, 1.0)
-        return cls(
-            weight, most, width, run, family, (quiet**rank).astype(np.float32), of_pores, rank
-        )
+        uneven = np.minimum(rank, 1.0) * fields.uneven(net.pores.triangle, net.pores.uv) * leading
+        quiet, uneven = (v.astype(np.float32) for v in (quiet**rank, np.minimum(uneven, 1.0)))
+        return cls(weight, most, width, run, family, quiet, of_pores, uneven, rank)
 
     @property
     def leads(self) -> NDArray[np.bool_]:
@@ -120,6 +125,13 @@ class Ranks:
         quiet = np.float32(0.5) * (self.quiet[pores[:, 0]] + self.quiet[pores[:, 1]])
         factor = np.where(leads, np.float32(1.0), quiet)
         return RankedLines(leads, weight, self.most[edge], self.width[edge], factor)
+
+    def unevenness(self, edge: NDArray[np.int32], pores: NDArray[np.int32]) -> Singles:
+        """How far W lines differ from those beside them; leaders have sizes of their own.
+        Arguments as of `of_lines`."""
+        uneven = np.float32(0.5) * (self.uneven[pores[:, 0]] + self.uneven[pores[:, 1]])
+        found: Singles = np.where(self.leads[edge], np.float32(0.0), uneven)
+        return found
 
     def worn(self) -> Singles:
         """(E,) strengths that walkers find as they set out."""
