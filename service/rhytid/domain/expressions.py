@@ -124,7 +124,7 @@ def _check_finite(positions: NDArray[np.float32], names: Sequence[str]) -> None:
         if not good.all():
             vertex = int(np.argmin(good))
             where = f"shape {name}, vertex {vertex}"
-            raise FrameError(f"{where} is {shape[vertex].tolist()}: not finite")
+            raise FrameError(f"{where} is {shape[vertex].tolist()}: not finite as float32")
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,7 +45,7 @@ def check_positions(
         array: NDArray[Any] = fixed_array(values, "frame", (vertices, 3), np.float32, FrameError)
     bad = first_bad_row(np.isfinite(array))
     if bad is not None:
-        raise FrameError(f"frame vertex {bad} is {array[bad].tolist()}: not finite")
+        raise FrameError(f"frame vertex {bad} is {array[bad].tolist()}: not finite as float32")
     return array
 
 

@@ -212,7 +212,7 @@ def _finite(values: Any, what: str, width: int, dtype: type[np.floating[Any]]) -
         array = fixed_array(values, what, (None, width), dtype, MeshError)
     bad = first_bad_row(np.isfinite(array))
     if bad is not None:
-        raise MeshError(f"{what} {bad} is {array[bad].tolist()}: not finite")
+        raise MeshError(f"{what} {bad} is {array[bad].tolist()}: not finite as {array.dtype}")
     return array
 
 

@@ -112,7 +112,7 @@ def check_frames(
     if not finite.all():
         frame, vertex = np.unravel_index(int(np.argmin(finite)), finite.shape)
         where = f"frame {counted_frame(int(frame))}, vertex {vertex}"
-        raise FrameError(f"{where} is {frames[frame, vertex].tolist()}: not finite")
+        raise FrameError(f"{where} is {frames[frame, vertex].tolist()}: not finite as float32")
     frames.setflags(write=False)
     return frames
 

@@ -208,7 +208,7 @@ def _require_finite(found: _Statements, values: NDArray[np.floating], what: str)
     bad = first_bad_row(np.isfinite(values))
     if bad is not None:
         where = f"line {found.lines[bad]}: {what} {bad + 1}"
-        raise MeshError(f"{where} is {values[bad].tolist()}: not finite")
+        raise MeshError(f"{where} is {values[bad].tolist()}: not finite as {values.dtype}")
 
 
 def _references(found: _Statements) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
