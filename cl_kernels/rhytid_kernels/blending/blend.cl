@@ -53,6 +53,10 @@ inline void blend_vector(__global const int *firsts, __global const int2 *member
                          float depth, __global float *out)
 {
     int i = get_global_id(0), member = firsts[i], end = firsts[i + 1];
+    if (members[member].y & CLEAR) {
+        vstore16((float16)(0.0f), 0, out + i * WIDTH);
+        return;
+    }
     codes += (size_t)i * VECTOR_CODES;
     ASK_AHEAD(codes, VECTOR_CODES);
     float16 d = blend_triangle(codes, coefficients + members[member].x * LAYERS);

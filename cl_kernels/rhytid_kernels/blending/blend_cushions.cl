@@ -46,7 +46,7 @@ inline float16 owner_stretch(__global const int *owners, __global const CODE *pl
     return first + along * ((float16)(low.odd, high.odd) - first);
 }
 
-// owners: row by row. codes: of each vector those of SAMPLES maps, then places. steps: displacement of a
+// owners: row by row, as clear_samples leaves them. codes: of each vector those of SAMPLES maps, then places. steps: displacement of a
 // code of each sample. last: log stretch of the last sample. depth: exponent and limit of the depth
 // scale. out: displacement, mesh units, row by row; within 1e-6 of the largest step times code of the
 // same in double.
@@ -55,6 +55,10 @@ inline void blend_samples(__global const int *owners, __global const CODE *codes
                           float2 depth, __global float *out)
 {
     int i = get_global_id(0);
+    if (owners[i * WIDTH] < 0) { // clear
+        vstore16((float16)(0.0f), i, out);
+        return;
+    }
     codes += (size_t)i * VECTOR_CODES;
     ASK_AHEAD(codes, VECTOR_CODES);
     ASK_AHEAD(owners + i * WIDTH, WIDTH);

@@ -1,4 +1,5 @@
-"""Draws the precomputed maps of the fast method, tile by tile (section 2.4). Kernel: bins.cl.
+"""Draws the precomputed maps of the fast method, tile by tile (section 2.4). Kernels: bins.cl,
+vectors.cl.
 
 There are maps of level 0 only: means of maps, blended, are flatter than the mean of the blend.
 """
@@ -191,7 +192,21 @@ class BinMaker:
             self._device, self._stiffness, self._located.udim, side, row, column, texels
         )
         place = (np.int32(texels), np.int32(side), np.int32(row), np.int32(column))
-        return BinTile(found, codes, texels * texels, place, stiffness, self._cushion(square))
+        cushion = self._cushion(square)
+        self._mark_clear(found, codes, texels, cushion)
+        return BinTile(found, codes, texels * texels, place, stiffness, cushion)
+
+    def _mark_clear(
+        self, triangles: VectorTriangles, codes: Buffer, texels: int, cushion: CushionTile | None
+    ) -> None:
+        """Mark the clear vectors among those of a tile of `texels`² texels."""
+        bins, layer = self._settings.bins, self._elements.cushion
+        self._device.launch(
+            "vectors", "clear_vectors", (texels * texels // VECTOR,),
+            codes, np.int32(map_count(bins) * bins.bits // 8), self._located.none,
+            None if cushion is None else cushion.owners, np.int32(texels),
+            np.int32(1 if layer is None else layer.factor), triangles.firsts, triangles.members,
+        )  # fmt: skip
 
     def _triangles(self, square: Square) -> VectorTriangles:
         """The triangles of the texels of a square, in a task of the device."""

@@ -1,5 +1,5 @@
 """Draws the broad layer of the wrinkles, coarse, for a frame or as precomputed maps. Kernels:
-cushion.cl, cushion_maps.cl, owners.cl; spline.clh brings the layer up.
+cushion.cl, cushion_maps.cl, owners.cl, vectors.cl; spline.clh brings the layer up.
 
 The maps have no bins. All lines are in each of them, drawn at one of SAMPLES log stretches with
 their depth, which is divided out of the codes. A frame blends each sample by the log stretch of its
@@ -185,8 +185,9 @@ class CushionTile(BufferGroup):
     """The broad layer around a tile, coarse: `side`² samples, row by row.
 
     owners: int32, the line of the elements that a sample answers by; as many as there are lines
-    where it has none.  codes: (samples / VECTOR, SAMPLES + 1, VECTOR), heights at every sample, and
-    places along owners from 0 to the largest code.
+    where it has none; the complement in the first of VECTOR samples without a height.
+    codes: (samples / VECTOR, SAMPLES + 1, VECTOR), heights at every sample, and places along owners
+    from 0 to the largest code.
     """
 
     side: int
@@ -203,7 +204,7 @@ class CushionTile(BufferGroup):
     def read_owners(self, device: Device) -> NDArray[np.int32]:
         """(side, side) owners."""
         found: NDArray[np.int32] = device.read(self.owners, (self.side, self.side), np.int32)
-        return found
+        return np.where(found < 0, ~found, found)
 
     @property
     def _buffers(self) -> tuple[Buffer, ...]:
@@ -235,6 +236,8 @@ class CushionMaker:
             self._draw_owners(square, owners, codes)
         for first in range(max(most, 0), SAMPLES, at_once):
             self._draw_maps(square, range(first, min(first + at_once, SAMPLES)), codes)
+        quads = np.array([SAMPLES + 1, SAMPLES], np.int32) * (bits // 8)
+        self._device.launch("vectors", "clear_samples", (side**2 // VECTOR,), codes, quads, owners)
         return CushionTile(side, owners, codes)
 
     def _draw_maps(

@@ -26,7 +26,8 @@ class VectorTriangles(BufferGroup):
     """The triangles under the texels of V vectors, on the device.
 
     firsts (V + 1,) int32: where the members of each vector begin.  members (K, 2) int32: a triangle
-    and, as bits, the texels of the vector that lie in it.
+    and, as bits, the texels of the vector that lie in it; a bit behind those of a vector that is
+    clear (`CLEAR` of vectors.clh).
     """
 
     firsts: Buffer
