@@ -45,9 +45,10 @@ def test_darts_are_kept_as_if_thrown_one_by_one(
     monkeypatch.setattr("rhytid.synthesis.pores._SPARE", 16)  # so that it must make room
     with Workspace(device) as work:
         darts = Darts(work, Surface.of(make()), fields, RADIUS, 5, 700)
-        sieve, thrown = DartSelection(work, darts, RADIUS, fields, 10.0), []
+        sieve, none = (DartSelection(work, darts, RADIUS, fields, 10.0) for _ in range(2))
+        thrown = []
         for turn in range(2):
-            for throw in darts.throws(turn, 2000 / darts.room):
+            for throw in darts.throws(turn, 2000 / darts.room, none):
                 sieve.take(throw)
                 thrown.append(counting(work, throw))
         pores = sieve.points()[0]
@@ -63,17 +64,18 @@ def test_darts_are_kept_as_if_thrown_one_by_one(
 def test_darts_that_are_left_out_ahead_would_not_be_kept(
     device: Device, make: Callable[[], Mesh], fields: Fields
 ) -> None:
-    surface, found = Surface.of(make()), []
+    surface, found, looked_at = Surface.of(make()), [], []
     with Workspace(device) as work:
         for sifts in (False, True):
             darts = Darts(work, surface, fields, RADIUS, 5, 700)
-            sieve, looked_at, thrown = DartSelection(work, darts, RADIUS, fields, 5000.0), 0, 0
+            sieve, none = (DartSelection(work, darts, RADIUS, fields, 5000.0) for _ in range(2))
+            looked_at.append(0)
             for turn in range(3):
-                for throw in darts.throws(turn, 2000 / darts.room, sieve if sifts else None):
+                for throw in darts.throws(turn, 2000 / darts.room, sieve if sifts else none):
                     sieve.take(throw)
-                    looked_at, thrown = looked_at + throw.count, thrown + throw.of
-            assert (looked_at < 0.7 * thrown) if sifts else (looked_at == thrown)
+                    looked_at[-1] += throw.count
             found.append(sorted(sieve.points()[0].position.tolist()))
+    assert looked_at[1] < 0.7 * looked_at[0]
     assert found[0] == found[1]
 
 
@@ -88,12 +90,16 @@ def counting(work: Workspace, throw: Throw) -> tuple[NDArray[Any], ...]:
     return place[order], work.read(throw.normal, (count, 3), np.float32)[order], factor[order]
 
 
-def test_darts_are_uniform_by_area_in_space(device: Device) -> None:
+def test_darts_are_uniform_by_area_in_space(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
     surface = Surface.of(sheets.sheet(sheets.uneven))
     count = 100_000
     with Workspace(device) as work:
         darts = Darts(work, surface, Fields(), RADIUS, 5, 2 * count)
-        (place, _, _) = counting(work, next(darts.throws(0, count / darts.room)))
+        none = DartSelection(work, darts, RADIUS, Fields(), 10.0)
+        monkeypatch.setattr("rhytid.synthesis.pores._FIRST", 2 * count)
+        (place, _, _) = counting(work, next(darts.throws(0, count / darts.room, none)))
     assert len(place) == pytest.approx(count, rel=1e-3)
     position = darts.lattice.positions(place)
     counts, _, _ = np.histogram2d(position[:, 0], position[:, 1], 8)
@@ -103,12 +109,29 @@ def test_darts_are_uniform_by_area_in_space(device: Device) -> None:
     assert np.sum((counts - expected) ** 2 / expected) < 63 + 5 * 11.2
 
 
+def test_few_darts_are_thrown_first_and_then_as_many_as_before(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rhytid.synthesis.pores._FIRST", 100)
+    with Workspace(device) as work:
+        darts = Darts(work, Surface.of(sheets.sheet(sheets.uneven)), Fields(), RADIUS, 5, 3000)
+        sieve = DartSelection(work, darts, RADIUS, Fields(), 10.0)
+        thrown = [[t.of for t in darts.throws(turn, 3000 / darts.room, sieve)] for turn in range(2)]
+    first, second = thrown
+    assert first[0] <= 100
+    assert first[1:] == pytest.approx(np.cumsum(first)[:-1].tolist(), rel=0.3)
+    assert len(second) == 2
+    assert max(second) <= 3000
+    assert sum(second) == sum(first)
+
+
 def test_how_many_darts_are_thrown_at_a_time_changes_no_pore(
     device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = sheets.scattered(device, sheets.tube(), 0.03)
     monkeypatch.setattr("rhytid.synthesis.pores.BATCH", 1500)
     monkeypatch.setattr("rhytid.synthesis.pores.MOST_AT_A_TIME", 1500)
+    monkeypatch.setattr("rhytid.synthesis.pores._FIRST", 50)
     parts = sheets.scattered(device, sheets.tube(), 0.03)
     assert whole.position.tobytes() == parts.position.tobytes()
     assert whole.uv.tobytes() == parts.uv.tobytes()

@@ -19,15 +19,8 @@ typedef struct {
     float2 uv;
 } dart_t;
 
-// Of each triangle every `parts`-th dart from number firsts[] on; this is the i-th of all.  ends:
-// where the darts of each triangle end in this throw.  key: a word of each.  corners: a place and two
-// sides.  normals: those of the corners.  uvs: of every triangle, UDIM origin and three corners from
-// there; index: which of them.
-inline dart_t dart_of(int i, uint turn, uint seed, uint parts, int triangles,
-                      __global const int *ends, __global const uint *firsts,
-                      __global const uint *key, __global const int *index,
-                      __global const int *corners, __global const float *normals,
-                      __global const float8 *uvs)
+// The triangle of the i-th dart of a throw.  ends: where the darts of each triangle end in it.
+inline int row_of(int i, int triangles, __global const int *ends)
 {
     int low = 0, high = triangles - 1;
     while (low < high) {
@@ -37,11 +30,23 @@ inline dart_t dart_of(int i, uint turn, uint seed, uint parts, int triangles,
         else
             low = middle + 1;
     }
+    return low;
+}
+
+// Of each triangle every `parts`-th dart from number firsts[] on; this is the i-th of all, in triangle
+// `row`.  key: a word of each.  corners: a place and two sides.  normals: those of the corners.  uvs:
+// of every triangle, UDIM origin and three corners from there; index: which of them.
+inline dart_t dart_of(int i, int row, uint turn, uint seed, uint parts,
+                      __global const int *ends, __global const uint *firsts,
+                      __global const uint *key, __global const int *index,
+                      __global const int *corners, __global const float *normals,
+                      __global const float8 *uvs)
+{
     dart_t dart;
-    dart.row = low;
-    int before = low > 0 ? ends[low - 1] : 0;
-    dart.number = firsts[low] + (uint)(i - before) * parts;
-    uint4 r = random4(key[low], dart.number, turn, seed);
+    dart.row = row;
+    int before = row > 0 ? ends[row - 1] : 0;
+    dart.number = firsts[row] + (uint)(i - before) * parts;
+    uint4 r = random4(key[row], dart.number, turn, seed);
     dart.word = r.x;
     // Barycentric coordinates in units of 2^-31; the half beyond the diagonal is folded back.
     uint a = r.y >> 1, b = r.z >> 1, one = 1u << 31;
@@ -49,15 +54,15 @@ inline dart_t dart_of(int i, uint turn, uint seed, uint parts, int triangles,
         a = one - a;
         b = one - b;
     }
-    long3 side1 = convert_long3(vload3(3 * low + 1, corners));
-    long3 side2 = convert_long3(vload3(3 * low + 2, corners));
+    long3 side1 = convert_long3(vload3(3 * row + 1, corners));
+    long3 side2 = convert_long3(vload3(3 * row + 2, corners));
     int3 offset = convert_int3((side1 * (long)a + side2 * (long)b) >> 31);
-    dart.place = vload3(3 * low, corners) + offset;
+    dart.place = vload3(3 * row, corners) + offset;
     float s = a * 0x1p-31f, t = b * 0x1p-31f;
-    float8 map = uvs[index[low]];
+    float8 map = uvs[index[row]];
     dart.uv = map.s01 + (map.s23 + ((map.s45 - map.s23) * s + (map.s67 - map.s23) * t));
-    dart.normal = vload3(3 * low, normals) * (1.0f - s - t) + vload3(3 * low + 1, normals) * s +
-                  vload3(3 * low + 2, normals) * t;
+    dart.normal = vload3(3 * row, normals) * (1.0f - s - t) + vload3(3 * row + 1, normals) * s +
+                  vload3(3 * row + 2, normals) * t;
     return dart;
 }
 
@@ -72,25 +77,35 @@ inline float level_of(const dart_t *dart, float rate, __global const float *area
     return ((float)dart->number + unit_interval(dart->word)) / (rate * area[dart->row]);
 }
 
+// Darts of a throw that a work-item looks at, as in pores.py.
+#define TOGETHER 8
+
 // may: 0 for a dart that does not count, or that a pore is too close to, whatever its factor. least: of
-// each triangle what no factor there is below. Other arguments as of throw_darts and find_room.
-__kernel void sift_darts(int first, int count, uint turn, uint seed, uint parts, float rate,
+// each triangle what no factor there is below.  all: darts of the throw. Other arguments as of
+// throw_darts and find_room.
+__kernel void sift_darts(int first, int count, int all, uint turn, uint seed, uint parts, float rate,
                          int triangles, __global const int *ends, __global const uint *firsts,
                          __global const uint *key, __global const float *area,
                          __global const int *index, __global const int *corners,
                          __global const float *normals, __global const float8 *uvs,
                          __global const float *least, int cell, uint mask,
-                         __global const int *head, __global const int *pores, float scale,
-                         __global uchar *may)
+                         __global const int *starts, __global const int *numbers, int most,
+                         float scale, __global uchar *may)
 {
-    int i = first + get_global_id(0);
-    if (i >= count)
+    int k = first + get_global_id(0);
+    if (k >= count)
         return;
-    dart_t dart = dart_of(i, turn, seed, parts, triangles, ends, firsts, key, index, corners,
-                          normals, uvs);
-    float factor = least[dart.row];
-    may[i] = within_udims(dart.uv) && counts(level_of(&dart, rate, area), factor) &&
-              has_room(dart.place, dart.normal, factor, cell, mask, head, pores, scale);
+    pores_t pores = {mask, starts, numbers, most, scale};
+    int row = row_of(k * TOGETHER, triangles, ends);
+    for (int i = k * TOGETHER; i < min((k + 1) * TOGETHER, all); i++) {
+        while (i >= ends[row])
+            row++;
+        dart_t dart = dart_of(i, row, turn, seed, parts, ends, firsts, key, index, corners, normals,
+                              uvs);
+        float factor = least[row];
+        may[i] = within_udims(dart.uv) && counts(level_of(&dart, rate, area), factor) &&
+                 has_room(dart.place, dart.normal, factor, cell, &pores);
+    }
 }
 
 // Of the darts of a throw those listed.  rate: darts to an area.  phase: a word of each triangle.
@@ -107,8 +122,9 @@ __kernel void throw_darts(int first, int count, uint turn, uint seed, uint parts
     int k = first + get_global_id(0);
     if (k >= count)
         return;
-    dart_t dart = dart_of(listed[k], turn, seed, parts, triangles, ends, firsts, key, index, corners,
-                          normals, uvs);
+    int i = listed[k];
+    dart_t dart = dart_of(i, row_of(i, triangles, ends), turn, seed, parts, ends, firsts, key, index,
+                          corners, normals, uvs);
     triangle[k] = within_udims(dart.uv) ? index[dart.row] : -1;
     vstore3(dart.place, k, place);
     vstore3(dart.normal, k, normal);

@@ -5,33 +5,26 @@
 #define KEPT 1
 #define DROPPED 2
 
-// Pores are read as one line of the cache each: place, factor, normal, and the next of the list.
-inline int8 record_of(int3 place, float factor, float3 normal)
+// A pore as it was kept: place, factor, normal, and the number of its list.
+inline int8 record_of(int3 place, float factor, float3 normal, int cell, uint mask)
 {
-    return (int8)(place, as_int(factor), as_int3(normal), -1);
-}
-
-inline void keep_pore(int pore, int8 record, int cell, uint mask, __global int *head,
-                      __global int8 *pores)
-{
-    int3 at = record.s012 / cell;
-    record.s7 = atomic_xchg(head + bucket(at.x, at.y, at.z, mask), pore);
-    pores[pore] = record;
+    int3 at = place / cell;
+    return (int8)(place, as_int(factor), as_int3(normal), (int)bucket(at.x, at.y, at.z, mask));
 }
 
 // room: 1 for a dart that counts and that no pore is too close to. scale: 1/radius. level: of a dart.
 __kernel void find_room(int first, int count, __global const int *triangle,
                         __global const int *place, __global const float *normal,
                         __global const float *factor, __global const float *level, int cell,
-                        uint mask, __global const int *head, __global const int *pores,
-                        float scale, __global uchar *room)
+                        uint mask, __global const int *starts, __global const int *numbers,
+                        int most, float scale, __global uchar *room)
 {
     int i = first + get_global_id(0);
     if (i >= count)
         return;
+    pores_t pores = {mask, starts, numbers, most, scale};
     room[i] = triangle[i] >= 0 && counts(level[i], factor[i]) &&
-              has_room(vload3(i, place), vload3(i, normal), factor[i], cell, mask, head, pores,
-                       scale);
+              has_room(vload3(i, place), vload3(i, normal), factor[i], cell, &pores);
 }
 
 // One round over the darts listed[first..count): a dart goes where an earlier one that is too close
@@ -72,9 +65,8 @@ __kernel void decide_darts(int first, int count, __global const int *listed,
 __kernel void take_darts(int first, int count, int from, __global const int *listed,
                          __global const int *triangle, __global const int *place,
                          __global const float *normal, __global const float2 *uv,
-                         __global const float *factor, int cell, uint mask, __global int *head,
-                         __global int8 *pores, __global int *pore_triangle,
-                         __global float2 *pore_uv)
+                         __global const float *factor, int cell, uint mask, __global int8 *pores,
+                         __global int *pore_triangle, __global float2 *pore_uv)
 {
     int k = first + get_global_id(0);
     if (k >= count)
@@ -82,20 +74,85 @@ __kernel void take_darts(int first, int count, int from, __global const int *lis
     int i = listed[k], pore = from + k;
     pore_triangle[pore] = triangle[i];
     pore_uv[pore] = uv[i];
-    keep_pore(pore, record_of(vload3(i, place), factor[i], vload3(i, normal)), cell, mask, head,
-              pores);
+    pores[pore] = record_of(vload3(i, place), factor[i], vload3(i, normal), cell, mask);
 }
 
-// Pores first..count, moved to other lists and arrays.
+// Pores first..count, moved to other arrays.
 __kernel void move_pores(int first, int count, __global const int8 *old,
                          __global const int *old_triangle, __global const float2 *old_uv, int cell,
-                         uint mask, __global int *head, __global int8 *pores,
-                         __global int *pore_triangle, __global float2 *pore_uv)
+                         uint mask, __global int8 *pores, __global int *pore_triangle,
+                         __global float2 *pore_uv)
 {
     int i = first + get_global_id(0);
     if (i >= count)
         return;
     pore_triangle[i] = old_triangle[i];
     pore_uv[i] = old_uv[i];
-    keep_pore(i, old[i], cell, mask, head, pores);
+    int8 pore = old[i];
+    pores[i] = record_of(pore.s012, as_float(pore.s3), as_float3(pore.s456), cell, mask);
+}
+
+// starts: before all else 0; then of each list how many pores it has, two places after its own, so that
+// sums of all up to a place are where the list before it begins, and once that list is filled, ends.
+__kernel void count_pores(int first, int count, __global const int *pores, __global int *starts)
+{
+    int i = first + get_global_id(0);
+    if (i < count)
+        atomic_inc(starts + pores[8 * i + 7] + 2);
+}
+
+// As in pores.py.
+#define CHUNK 1024
+
+// The sum of each CHUNK of starts. The hint keeps compilers from taking several chunks at once in one
+// vector, which lie far apart.
+__attribute__((vec_type_hint(int8)))
+__kernel void sum_chunks(int first, int count, __global const int *starts, __global int *sums)
+{
+    int k = first + get_global_id(0);
+    if (k >= count)
+        return;
+    int sum = 0;
+    for (int l = 0; l < CHUNK; l++)
+        sum += starts[k * CHUNK + l];
+    sums[k] = sum;
+}
+
+// In place of each number of a chunk the sum of all up to it.  before: the sum of the chunks before
+// each.
+__attribute__((vec_type_hint(int8)))
+__kernel void add_up_chunks(int first, int count, __global const int *before, __global int *starts)
+{
+    int k = first + get_global_id(0);
+    if (k >= count)
+        return;
+    int sum = before[k];
+    for (int l = 0; l < CHUNK; l++)
+        starts[k * CHUNK + l] = sum += starts[k * CHUNK + l];
+}
+
+// order: the pores by their lists.
+__kernel void order_pores(int first, int count, __global const int *pores, __global int *starts,
+                          __global int *order)
+{
+    int i = first + get_global_id(0);
+    if (i < count)
+        order[atomic_inc(starts + pores[8 * i + 7] + 1)] = i;
+}
+
+// numbers: those of pores in this order, and of eight that are none, as pores_t has them.
+__kernel void list_pores(int first, int room, __global const int8 *pores, __global const int *order,
+                         __global int *numbers)
+{
+    int k = first + get_global_id(0);
+    if (k >= room)
+        return;
+    int8 pore = k < room - 8 ? pores[order[k]] : (int8)(-1); // a factor of these bits is no number
+    numbers[k] = pore.s0;
+    numbers[k + room] = pore.s1;
+    numbers[k + 2 * room] = pore.s2;
+    numbers[k + 3 * room] = pore.s3;
+    numbers[k + 4 * room] = pore.s4;
+    numbers[k + 5 * room] = pore.s5;
+    numbers[k + 6 * room] = pore.s6;
 }

@@ -92,11 +92,10 @@ def spatial_order(places: NDArray[np.int32]) -> NDArray[np.intp]:
     return order
 
 
-def empty_lists(work: Workspace, points: int) -> tuple[np.uint32, Buffer]:
-    """The mask of the numbers of lists for about so many points, and the first of each list, -1 for
-    none."""
-    lists = 2 << max(points, 64).bit_length()
-    return np.uint32(lists - 1), work.full(lists, np.int32(-1))
+def mask_of_lists(points: int) -> np.uint32:
+    """The mask of the numbers of lists for about so many points."""
+    mask: np.uint32 = np.uint32((2 << max(points, 64).bit_length()) - 1)
+    return mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +113,8 @@ class Grid:
     @classmethod
     def empty(cls, work: Workspace, cell: int, points: int, numbers: int | None = None) -> Grid:
         """Empty lists for about so many points, whose numbers are below `numbers`."""
-        mask, head = empty_lists(work, points)
+        mask = mask_of_lists(points)
+        head = work.full(int(mask) + 1, np.int32(-1))
         return cls(cell, mask, head, work.empty(numbers or points, np.int32))
 
     @property

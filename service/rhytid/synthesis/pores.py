@@ -18,8 +18,8 @@ from numpy.typing import DTypeLike, NDArray
 from rhytid.device.buffer import Buffer
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.hashes import Words, random4, triangle_keys
-from rhytid.synthesis.incidence import KEPT, until_decided
-from rhytid.synthesis.lattice import Grid, Lattice, empty_lists, spatial_order
+from rhytid.synthesis.incidence import KEPT, starts_of, until_decided
+from rhytid.synthesis.lattice import Grid, Lattice, mask_of_lists, spatial_order
 from rhytid.synthesis.pore_density import PACKING, densities, effective_area, spacings
 from rhytid.synthesis.progress import Progress, over_rows
 from rhytid.synthesis.surface import FloatArray, Points, Surface, unit
@@ -32,11 +32,16 @@ DARTS = (2.0, 3.0, 4.0, 5.0, 6.0)
 # Darts thrown at a time: as many as there will be pores, within these. Fewer would lie so far apart
 # that none finds in the cache what another has read.
 BATCH, MOST_AT_A_TIME = 1 << 20, 1 << 23
+# Of a surface without pores at most so many are thrown first.
+_FIRST = 1 << 16
 # As many times more where pores leave at most one of so many to be more than looked at.
 _FEWER = 2
 # A pore this much beyond the radius is still too close: what the device rounds.
 _ROUNDING = 1.0 + 1e-6
 _SPARE = 1024
+# Darts that a work-item looks at, and starts of lists that it adds up, as in darts.cl and pores.cl;
+# and how many pores are read beyond the last.
+_TOGETHER, _CHUNK, _BEYOND = 8, 1024, 8
 # Numbers of each dart of a throw by name, and their kind.
 _OF_DARTS: dict[str, tuple[int, DTypeLike]] = {
     "triangle": (1, np.int32), "place": (3, np.int32), "normal": (3, np.float32),
@@ -116,6 +121,7 @@ class DartSelection:
         self._cell = self._lattice.steps(reach * fields.most_spacing)
         self._scale = float(self._lattice.unit / reach)
         self._kept = _Kept.empty(work, int(1.1 * expected) + _SPARE)
+        self._lists: _Lists | None = None
 
     def start_with(self, pores: Points, factor: NDArray[np.float32]) -> None:
         """Keep pores before any dart.  factor (L,): of the spacing at each."""
@@ -133,7 +139,9 @@ class DartSelection:
     @property
     def lists(self) -> tuple[Any, ...]:
         """The arguments of kernels that look for pores that are too close."""
-        return self._cell, *self._kept.lists, self._scale
+        if self._lists is None:
+            self._lists = _Lists.of(self._work, self._kept, self.count)
+        return self._cell, *self._lists.arguments, self._scale
 
     def take(self, darts: Throw) -> None:
         """Keep those darts of a throw that fit."""
@@ -186,6 +194,9 @@ class DartSelection:
         )  # fmt: skip
         self._work.release(listed)
         self.count += len(chosen)
+        if self._lists is not None:
+            self._work.release(self._lists.starts, self._lists.numbers)
+        self._lists = None
 
     def _make_room(self, most: int) -> None:
         """Move the pores to larger arrays: along borders more fit than the area suggests."""
@@ -194,39 +205,67 @@ class DartSelection:
             "pores", "move_pores", self.count, old.pores, old.triangle, old.uv, self._cell,
             *self._kept.arrays,
         )  # fmt: skip
-        self._work.release(old.head, old.pores, old.triangle, old.uv)
+        self._work.release(old.pores, old.triangle, old.uv)
 
 
 @dataclass(frozen=True, eq=False)
 class _Kept:
-    """Arrays on the device for up to `most` pores, and lists of them by cell.
+    """Arrays on the device for up to `most` pores.
 
-    pores (most, 8) int32: place, factor and normal of each, and the next of its list, side by side,
-    as darts read them of pores that lie anywhere in the memory.
+    mask: of the numbers of lists.  pores (most, 8) int32: place, factor and normal of each, and the
+    number of its list.
     """
 
     most: int
     mask: np.uint32
-    head: Buffer
     pores: Buffer
     triangle: Buffer
     uv: Buffer
 
     @classmethod
     def empty(cls, work: Workspace, most: int) -> _Kept:
-        mask, head = empty_lists(work, most)
         pores, triangle = work.empty(8 * most, np.int32), work.empty(most, np.int32)
-        return cls(most, mask, head, pores, triangle, work.empty(2 * most, np.float32))
-
-    @property
-    def lists(self) -> tuple[Any, ...]:
-        """The arguments of kernels that look for pores."""
-        return self.mask, self.head, self.pores
+        return cls(most, mask_of_lists(most), pores, triangle, work.empty(2 * most, np.float32))
 
     @property
     def arrays(self) -> tuple[Any, ...]:
         """The arguments of kernels that add pores."""
-        return *self.lists, self.triangle, self.uv
+        return self.mask, self.pores, self.triangle, self.uv
+
+
+@dataclass(frozen=True, eq=False)
+class _Lists:
+    """Pores in the order of their lists, one list for each cell, as darts look for them.
+
+    starts: where each list begins.  numbers (7, room): of the pores by themselves, so that eight
+    are looked at together.
+    """
+
+    mask: np.uint32
+    starts: Buffer
+    numbers: Buffer
+    room: int
+
+    @classmethod
+    def of(cls, work: Workspace, kept: _Kept, count: int) -> _Lists:
+        """The lists of the first `count` pores."""
+        chunks = -(-(int(kept.mask) + 3) // _CHUNK)
+        starts, sums = work.full(chunks * _CHUNK, np.int32(0)), work.empty(chunks, np.int32)
+        work.run("pores", "count_pores", count, kept.pores, starts)
+        work.run("pores", "sum_chunks", chunks, starts, sums)
+        before = work.upload(starts_of(work.read(sums, (chunks,), np.int32)))
+        work.run("pores", "add_up_chunks", chunks, before, starts)
+        order, room = work.empty(count, np.int32), count + _BEYOND
+        numbers = work.empty(7 * room, np.int32)
+        work.run("pores", "order_pores", count, kept.pores, starts, order)
+        work.run("pores", "list_pores", room, kept.pores, order, numbers)
+        work.release(sums, before, order)
+        return cls(kept.mask, starts, numbers, room)
+
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """The arguments of kernels that look for pores."""
+        return self.mask, self.starts, self.numbers, self.room
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,7 +324,7 @@ class Darts:
         )  # fmt: skip
         self._made: dict[str, Buffer] = {}
 
-    def throws(self, turn: int, rate: float, among: DartSelection | None = None) -> Iterator[Throw]:
+    def throws(self, turn: int, rate: float, among: DartSelection) -> Iterator[Throw]:
         """Throw `rate` darts per area of even skin, in as many throws as needed, those of lower
         priority first. Another `turn` gives other darts.
 
@@ -294,12 +333,8 @@ class Darts:
         expected = np.float32(rate) * self._area
         counts = np.ceil(expected * self._most).astype(np.int64)
         phase = random4(self._key, turn, self._seed, _PHASE)[0]
-        parts = 1
-        limit = self._limit * (_FEWER if self._few else 1)
-        while max(shared_out(counts, phase, part, parts)[1].sum() for part in range(parts)) > limit:
-            parts *= 2
         phases = self._work.upload(phase)
-        for part in range(parts):
+        for part, parts in self._ranges(counts, phase, turn):
             first, amounts = shared_out(counts, phase, part, parts)
             ends, starts = (
                 self._work.upload(numbers)
@@ -313,14 +348,27 @@ class Darts:
             self._work.release(ends, starts)
         self._work.release(phases)
 
+    def _ranges(self, counts: NDArray[np.int64], phase: Words, turn: int) -> list[tuple[int, int]]:
+        """Parts of all darts that are thrown one after the other, and of how many parts each is
+        one. None has more than can be thrown at a time. In the first turn each has as many as those
+        before it together: the pores that these leave keep most of the others from being looked
+        at."""
+        limit = self._limit * (_FEWER if self._few else 1)
+        found, left = [], [(0, 1)]
+        while left:
+            part, parts = left.pop()
+            size = shared_out(counts, phase, part, parts)[1].sum()
+            if size > limit or (turn == 0 and part == 0 and size > _FIRST):
+                left += [(2 * part + 1, 2 * parts), (2 * part, 2 * parts)]
+            else:
+                found.append((part, parts))
+        return found
+
     def _thrown(
-        self, every: int, each: tuple[Any, ...], phases: Buffer, among: DartSelection | None
+        self, every: int, each: tuple[Any, ...], phases: Buffer, among: DartSelection
     ) -> Throw:
         """Darts of a throw of `every`.  each: arguments of kernels that say where one is."""
-        if among is None:
-            chosen = np.arange(every, dtype=np.int32)
-        else:
-            chosen = self._sifted(every, each, among)
+        chosen = self._sifted(every, each, among)
         work, count = self._work, len(chosen)
         self._few = _FEWER * count <= every
         work.release(*self._made.values())
@@ -345,7 +393,10 @@ class Darts:
         """The darts of a throw that may have room among pores. Most have none whatever the spacing
         is where they lie, which takes longer to look up."""
         found = self._work.empty(every, np.uint8)
-        self._work.run("darts", "sift_darts", every, *each, self._least, *among.lists, found)
+        self._work.run(
+            "darts", "sift_darts", -(-every // _TOGETHER), every, *each, self._least, *among.lists,
+            found,
+        )  # fmt: skip
         may = self._work.read(found, (every,), np.uint8)
         self._work.release(found)
         return np.flatnonzero(may).astype(np.int32)
