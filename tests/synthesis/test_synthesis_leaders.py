@@ -14,7 +14,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.expressions import ENOUGH, Folds
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.skin import wear
+from rhytid.domain.skin import depth_factor, wear
 from rhytid.synthesis import leader_courses
 from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.fields import Fields
@@ -377,6 +377,23 @@ def test_old_leaders_are_broader(device: Device, age: float, broader: float) -> 
     every = (1.1 * 1.3**0.9) ** wear(age)  # all lines are, by region and by fold
     width = [g.edge_half_width[g.edge_share > 1.02].mean() for g in graphs]
     assert width[1] / width[0] == pytest.approx(broader * every, rel=0.08)
+
+
+@pytest.mark.parametrize("age", [20.0, 65.0])
+def test_creases_of_lips_are_of_any_age(device: Device, age: float) -> None:
+    still = Folds(np.zeros((len(MESH.positions), 6), np.float32), ENOUGH, {"lip": lip()})
+    graphs = [
+        synthesize(MESH, GraphSettings(wrinkles=COUNT, age=at), device, folds=still).graph
+        for at in (35.0, age)
+    ]
+    width, depth = (
+        [getattr(g, name)[g.edge_share > 1.02].mean() for g in graphs]
+        for name in ("edge_half_width", "edge_weight")
+    )
+    assert width[1] / width[0] == pytest.approx(1.1 ** wear(age), rel=0.08)
+    # The deepest are as deep as lines can be, at 35 already.
+    least, most = sorted([1.0, 1.3 ** wear(age)])
+    assert 0.95 * least < depth[1] * depth_factor(age) / depth[0] < 1.05 * most
 
 
 def test_pores_stay_apart_around_leaders(device: Device) -> None:

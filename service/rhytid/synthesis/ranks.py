@@ -95,12 +95,14 @@ class Ranks:
         family = np.zeros(len(net.edges), np.int8)
         family[edge] = number
         most = np.full(len(net.edges), np.inf, np.float32)
-        deepest = _DEEPEST * (_OLD if worn > 0.0 else _YOUNG) ** worn
+        # Those that expressions leave behind; lips have creases at any age.
+        aged = np.where(number == CREASES.number, 0.0, worn)
+        deepest = (_DEEPEST * (_OLD if worn > 0.0 else _YOUNG) ** aged).astype(np.float32)
         middle = deepest * min(rank, 1.0) * depth / np.maximum(profile, _TINY)
         middle = np.clip(middle, _TINY, 1.0)
         weight[edge], most[edge] = middle * profile, 1.0 / middle
         broad = min(rank, 1.0) * (_NARROW + (_BROAD - _NARROW) * size)
-        width[edge] = WIDE * broad * _OLD_BROAD ** max(worn, 0.0)
+        width[edge] = WIDE * broad * _OLD_BROAD ** np.maximum(aged, 0.0)
         run[edge] = np.minimum(profile, 1.0)
         near = _nearness(net, leaders, _REACH * spacing)
         leading = leading_any_way(fields, net.pores.triangle, net.pores.uv)
