@@ -6,7 +6,7 @@ import signal
 import threading
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Any
 
 import rhytid_kernels
@@ -27,20 +27,32 @@ POCL = "Portable Computing Language"
 HEADER_READ = "-D_OPENCL_H_"
 
 
-@contextmanager
-def driver_errors() -> Iterator[None]:
+def driver_errors() -> AbstractContextManager[None]:
     """Wraps a call of the OpenCL driver: the one place where its errors become ours,
     DeviceMemoryError and DeviceError."""
-    watch.begin_call()
-    try:
-        with without_sigint():
-            yield
-    except cl.MemoryError as error:
-        raise DeviceMemoryError(f"the OpenCL driver is out of memory: {error}") from error
-    except cl.Error as error:
-        raise DeviceError(f"the OpenCL driver failed: {error}") from error
-    finally:
-        watch.end_call()
+    return _DriverCall()
+
+
+class _DriverCall:
+    """A class, as entering and leaving a generator takes longer than many a call does."""
+
+    def __enter__(self) -> None:
+        watch.begin_call()
+        try:
+            self._before = _keep_sigint()
+        except BaseException:
+            watch.end_call()
+            raise
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        try:
+            _let_sigint(self._before)
+        finally:
+            watch.end_call()
+        if isinstance(error, cl.MemoryError):
+            raise DeviceMemoryError(f"the OpenCL driver is out of memory: {error}") from error
+        if isinstance(error, cl.Error):
+            raise DeviceError(f"the OpenCL driver failed: {error}") from error
 
 
 @contextmanager
@@ -52,20 +64,31 @@ def without_sigint() -> Iterator[None]:
     ends the whole process by SIGABRT. Threads and programs inherit what their thread has blocked.
     Blocks within a block do nothing: to ask the system twice takes as long as a launch.
     """
-    if getattr(_keeping, "sigint", False) or not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    _keeping.sigint = True
+    before = _keep_sigint()
     try:
         yield
     finally:
-        _keeping.sigint = False
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        _let_sigint(before)
 
 
 # Whether this thread keeps SIGINT from the driver now.
 _keeping = threading.local()
+
+
+def _keep_sigint() -> set[int] | None:
+    """Block SIGINT for this thread; returns what was blocked, None where this has been done."""
+    if getattr(_keeping, "sigint", False) or not hasattr(signal, "pthread_sigmask"):  # Windows
+        return None
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    _keeping.sigint = True
+    return before
+
+
+def _let_sigint(before: set[int] | None) -> None:
+    """Undo `_keep_sigint`."""
+    if before is not None:
+        _keeping.sigint = False
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @without_sigint()
