@@ -102,6 +102,22 @@ def test_buffers_of_a_device_stay_within_its_budget(device):
         again.release()
 
 
+def test_what_is_uploaded_again_takes_spare_memory_after_the_launches_that_read_it(device):
+    count, values = 1 << 22, np.arange(1 << 22, dtype=np.float32)
+    small, out = Device(device.info, 1 << 26), []
+    spare = small.upload(values)
+    for turn in range(3):
+        out.append(small.empty(count, np.float32))
+        small.launch("copy", "copy_map", (count // 16,), spare, out[-1])
+        spare.release()
+        again = small.upload_again(values + turn)
+        assert again.handle is spare.handle
+        spare = again
+    for buffer, wanted in zip([*out[1:], spare], range(3), strict=True):
+        np.testing.assert_array_equal(small.read(buffer, (count,), np.float32), values + wanted)
+    assert small.upload_again(np.zeros((0, 3), np.float32)).nbytes == 0
+
+
 def test_a_buffer_above_the_largest_of_the_driver_is_refused_with_both_numbers(device):
     limited = Device(replace(device.info, largest_buffer=4096), 1 << 20)
     limited.empty(4096, np.uint8).release()

@@ -141,7 +141,7 @@ class StretchStage:
         model `tensor` of a deformed frame; None: all."""
         # The neutral frame is unstretched by definition, in every model, without rounding errors.
         deformed = positions is not None
-        frame = self._device.upload(positions if positions is not None else self._neutral)
+        frame = self._device.upload_again(positions if positions is not None else self._neutral)
         triangles, within = self.triangles if deformed else 0, LogLimit(limit, soft)
         wanted = Wanted(found.count) if near is None else near.numbers
         if found.model == "tensor":
