@@ -35,9 +35,11 @@ class CushionLayer:
 
 @dataclass(frozen=True)
 class GrainLayer:
-    """How grain follows a frame (docs/binned.md).  exponent: of its gain, over log ρ."""
+    """How grain follows a frame (docs/binned.md).  exponent: of its gain, over log ρ.  pressed: how
+    many times as far it fades where log ρ is below 0."""
 
     exponent: float
+    pressed: float
 
 
 @dataclass(frozen=True)
