@@ -51,32 +51,133 @@ inline void gather_near(near_t *near, int most, int i, __global const int *place
     }
 }
 
+// Points whose neighbours a work-item looks for together, as in edges.py; and points around them that
+// wait to be looked at, eight at a time.
+#define TOGETHER 8
+#define CROWD 64
+
+typedef struct {
+    int count, number[CROWD], x[CROWD], y[CROWD], z[CROWD];
+    float factor[CROWD], nx[CROWD], ny[CROWD], nz[CROWD];
+} crowd_t;
+
+// What gather_near keeps of the points of a crowd.
+inline void keep_near(near_t *near, int most, int i, const crowd_t *crowd, __global const int *place,
+                      __global const float *normal, __global const float *factor, float scale,
+                      float reach)
+{
+    int3 p = vload3(i, place);
+    float3 n = vload3(i, normal);
+    int number[CROWD + 1], found = 0;
+    float distance2[CROWD + 1];
+    for (int m = 0; m < crowd->count; m += 8) {
+        float8 x = convert_float8(vload8(0, crowd->x + m) - p.x) * scale;
+        float8 y = convert_float8(vload8(0, crowd->y + m) - p.y) * scale;
+        float8 z = convert_float8(vload8(0, crowd->z + m) - p.z) * scale;
+        float8 far2 = x * x + y * y + z * z;
+        float8 limit = 0.5f * reach * (factor[i] + vload8(0, crowd->factor + m));
+        float8 facing = n.x * vload8(0, crowd->nx + m) + n.y * vload8(0, crowd->ny + m) +
+                        n.z * vload8(0, crowd->nz + m);
+        int8 in = (far2 <= limit * limit) & (facing > 0.0f) & (vload8(0, crowd->number + m) != i);
+        int inside[8];
+        float squares[8];
+        vstore8(in, 0, inside);
+        vstore8(far2, 0, squares);
+        for (int l = 0; l < 8; l++) {
+            number[found] = crowd->number[m + l];
+            distance2[found] = squares[l];
+            found -= inside[l];
+        }
+    }
+    for (int m = 0; m < found; m++)
+        put_near(near, most, number[m], distance2[m]);
+}
+
+// What gather_near finds of points `from` to `to`, which lie near each other.
+inline void gather_together(near_t *near, int most, int from, int to, int3 low, int3 high,
+                            float widest, __global const int *place,
+                            __global const float *normal, __global const float *factor, int cell,
+                            uint mask, __global const int *head, __global const int *next,
+                            float scale, float reach)
+{
+    crowd_t crowd;
+    crowd.count = 0;
+    for (int i = from; i < to; i++)
+        near[i - from].count = 0;
+    FOR_POINTS(j, low / cell - 1, high / cell + 1)
+    {
+        int3 p = vload3(j, place);
+        int around = convert_int_rtp(0.50001f * reach * (widest + factor[j]) / scale) + 1;
+        if (any(p < low - around | p > high + around))
+            continue;
+        float3 n = vload3(j, normal);
+        int m = crowd.count++;
+        crowd.number[m] = j;
+        crowd.x[m] = p.x;
+        crowd.y[m] = p.y;
+        crowd.z[m] = p.z;
+        crowd.factor[m] = factor[j];
+        crowd.nx[m] = n.x;
+        crowd.ny[m] = n.y;
+        crowd.nz[m] = n.z;
+        if (crowd.count == CROWD) {
+            for (int i = from; i < to; i++)
+                keep_near(near + i - from, most, i, &crowd, place, normal, factor, scale, reach);
+            crowd.count = 0;
+        }
+    }
+    for (int m = crowd.count; m & 7; m++)
+        crowd.factor[m] = NAN; // near to nothing
+    for (int i = from; i < to; i++)
+        keep_near(near + i - from, most, i, &crowd, place, normal, factor, scale, reach);
+}
+
 // In place of the first of a row of `ways`: more than WAYS points are within reach.
 #define MANY -2
+// Cells that are gone through for points together; of those that lie farther apart each has its own.
+#define MOST_CELLS 120
 
-// For each point those within reach, nearest first, in a row of WAYS, -1 where there are no more; the
-// squared distance of the first, infinity without one. And the farthest of its `neighbours` nearest:
-// its squared distance and its number; infinity where fewer are within reach.
-__kernel void list_near(int first, int count, int neighbours, __global const int *place,
+// For each of `points` points those within reach, nearest first, in a row of WAYS, -1 where there are no
+// more; the squared distance of the first, infinity without one. And the farthest of its `neighbours`
+// nearest: its squared distance and its number; infinity where fewer are within reach.
+__attribute__((vec_type_hint(float8)))
+__kernel void list_near(int first, int count, int points, int neighbours, __global const int *place,
                         __global const float *normal, __global const float *factor, int cell,
                         uint mask, __global const int *head, __global const int *next, float scale,
                         float reach, __global float *nearest2, __global float *far2,
                         __global int *far, __global int *ways)
 {
-    int i = first + get_global_id(0);
-    if (i >= count)
+    int k = first + get_global_id(0);
+    if (k >= count)
         return;
-    near_t near;
-    gather_near(&near, max(neighbours, WAYS + 1), i, place, normal, factor, cell, mask, head, next,
-                scale, reach);
-    bool enough = near.count >= neighbours;
-    nearest2[i] = near.count ? near.distance2[0] : INFINITY;
-    far2[i] = enough ? near.distance2[neighbours - 1] : INFINITY;
-    far[i] = enough ? near.number[neighbours - 1] : INT_MAX;
-    for (int s = 0; s < WAYS; s++)
-        ways[i * WAYS + s] = s < near.count ? near.number[s] : -1;
-    if (near.count > WAYS)
-        ways[i * WAYS] = MANY;
+    int from = k * TOGETHER, to = min(from + TOGETHER, points), most = max(neighbours, WAYS + 1);
+    int3 low = vload3(from, place), high = low;
+    float widest = 0.0f;
+    for (int i = from; i < to; i++) {
+        low = min(low, vload3(i, place));
+        high = max(high, vload3(i, place));
+        widest = fmax(widest, factor[i]);
+    }
+    int3 cells = high / cell - low / cell + 3;
+    near_t near[TOGETHER];
+    if (all(cells < 100) && cells.x * cells.y * cells.z <= MOST_CELLS)
+        gather_together(near, most, from, to, low, high, widest, place, normal, factor, cell, mask,
+                        head, next, scale, reach);
+    else
+        for (int i = from; i < to; i++)
+            gather_near(near + i - from, most, i, place, normal, factor, cell, mask, head, next, scale,
+                        reach);
+    for (int i = from; i < to; i++) {
+        const near_t *own = near + i - from;
+        bool enough = own->count >= neighbours;
+        nearest2[i] = own->count ? own->distance2[0] : INFINITY;
+        far2[i] = enough ? own->distance2[neighbours - 1] : INFINITY;
+        far[i] = enough ? own->number[neighbours - 1] : INT_MAX;
+        for (int s = 0; s < WAYS; s++)
+            ways[i * WAYS + s] = s < own->count ? own->number[s] : -1;
+        if (own->count > WAYS)
+            ways[i * WAYS] = MANY;
+    }
 }
 
 // What `list_near` found of a point, or all that are within reach where they were too many for it.

@@ -32,6 +32,8 @@ DEFINES = {"WAYS": WAYS}
 # Surface length of a straight line in the map over the distance of its pores.
 DETOUR = 1.4
 _ROWS = 1 << 18
+# Pores whose neighbours a work-item looks for, as in nearest.cl.
+_TOGETHER = 8
 # Edges that are looked at together, and partners of one that there is room for at first; of edges
 # with more fewer are looked at together.
 _BLOCK, _PARTNERS = 1 << 19, 8
@@ -115,8 +117,8 @@ def _ways(
     nearest2, far2 = (work.empty(cloud.count, np.float32) for _ in range(2))
     far, ways = work.empty(cloud.count, np.int32), work.empty(WAYS * cloud.count, np.int32)
     work.run(
-        "nearest", "list_near", cloud.count, count, *shared, nearest2, far2, far, ways,
-        defines=DEFINES, report=lambda share: progress(0.5 * share, "edges"),
+        "nearest", "list_near", -(-cloud.count // _TOGETHER), cloud.count, count, *shared, nearest2,
+        far2, far, ways, defines=DEFINES, report=lambda share: progress(0.5 * share, "edges"),
     )  # fmt: skip
     work.run(
         "nearest", "find_neighbours", cloud.count, *shared,
