@@ -319,7 +319,7 @@ def test_the_openapi_document_tells_of_every_number(client: httpx.Client) -> Non
     told = {n for n, f in fields.items() if f.get("description")}
     assert {"pore_samples", "depth", "sharpness", "log_stretch_limit", "scale_limit"} <= told
     assert {"node", "share", "width", "depth_exponents", "measured_in", "layers"} <= told
-    assert {"cushion", "factor", "apron", "grain", "exponent", "pressed"} <= told
+    assert {"cushion", "factor", "apron", "grain", "exponent"} <= told
     manifest = client.get(f"{sent(client)}/bins").json()
     assert manifest.keys() == schemas["Bins"]["properties"].keys()
     tilt = manifest["tilt"]

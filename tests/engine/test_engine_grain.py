@@ -253,9 +253,7 @@ def test_heights_of_a_frame_are_those_of_the_reference(device):
     gain = reference.gain(logs, 2.0).reshape(SIDE, SIDE)
     wanted = reference.shown(heights, noise, gain, SHARE * DEPTH, DEPTH)
     assert np.abs(found - wanted)[sure.reshape(SIDE, SIDE)].max() <= 1e-3 * DEPTH
-    pressed = logs.sum(axis=1).reshape(SIDE, SIDE) < -0.1
-    assert gain[pressed].min() < 0.8
-    assert gain[~pressed].min() < 0.9
+    assert gain.max() > 1.2 > 0.9 > gain.min()
 
 
 def charts(turned):
@@ -310,14 +308,14 @@ def test_what_texels_do_not_carry_is_left_out(device, size):
 
 @pytest.mark.parametrize("sampling", ["nearest", "smooth"])
 @pytest.mark.parametrize("growth", [0.8, 1.25, 3.0])
-def test_grain_fades_where_skin_is_stretched_and_where_it_is_pressed(device, growth, sampling):
+def test_grain_fades_where_skin_is_stretched(device, growth, sampling):
     mesh = charts(True)
     asset = asset_of(device, mesh, BARE)
     still = drawn(asset, sampling=sampling)
     found = drawn(asset, Frame.of(mesh.positions * np.float32(growth)), sampling=sampling)
     gain = reference.gain(np.full(2, np.clip(np.log(growth), -0.5, 0.5)), 2.0)
     np.testing.assert_allclose(found, gain * still, atol=1e-3 * SHARE * DEPTH)
-    assert gain < 0.7
+    assert (gain > 1) == (growth < 1)
 
 
 @pytest.mark.parametrize("sampling", ["nearest", "smooth"])
@@ -343,7 +341,7 @@ def test_smooth_sampling_shows_no_edges_of_triangles(device):
         gain = np.divide(found, still, out=np.ones_like(found), where=sure)
         both = (sure & np.roll(sure, 1, 1))[:, 1:]
         steps[sampling] = np.abs(np.diff(gain, axis=1))[both].max()
-        assert gain.min() < 0.7
+        assert gain.max() > 1.2
     assert steps["smooth"] < 0.25 * steps["nearest"]
 
 

@@ -11,7 +11,6 @@ from reference.inputs import Array, Indices
 
 # A code, where swells differ by region or patch and where they do not.
 UNEVEN_STEP, STEP = 1 / 16, 1 / 32
-PRESSED = 2.0
 CELLS = 2  # of the noise to a wave: half of its power is in waves of 1.9 cells and longer
 TURN = np.array([[0.0, 0.8, 0.6], [-0.8, 0.36, -0.48], [-0.6, -0.48, 0.64]])
 
@@ -123,11 +122,9 @@ def gradients(cell: Indices, seed: int) -> Array:
 
 
 def gain(log_ratios: Array, exponent: float, stiffness: ArrayLike = 1.0) -> Array:
-    """(...) how much of the neutral's grain shows; log_ratios (..., 2). It fades with stretch, and
-    with compression PRESSED times as far."""
+    """(...) how much of the neutral's grain shows; log_ratios (..., 2)."""
     logs = log_ratios * np.asarray(stiffness)[..., None]
-    faded = np.where(logs > 0, logs, -PRESSED * logs).mean(axis=-1)
-    return np.clip(np.exp(-exponent * faded), 0.25, 4)
+    return np.clip(np.exp(-exponent * logs), 0.25, 4).mean(axis=-1)
 
 
 def shown(heights: Array, noise: Array, gain: Array, amplitude: float, depth: float) -> Array:

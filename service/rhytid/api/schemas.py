@@ -320,11 +320,7 @@ class CushionLayer(_Answer):
 class GrainLayer(_Answer):
     """How the grain follows a frame."""
 
-    exponent: float = Field(description="e of its gain exp(-e r)")
-    pressed: float = Field(
-        description="k of r, the mean of max(log ρ, -k log ρ) over both axes: how many times as "
-        "far the grain fades where skin is compressed"
-    )
+    exponent: float = Field(description="e of its gain, the mean of exp(-e log ρ) over both axes")
 
 
 class Bins(_Answer):

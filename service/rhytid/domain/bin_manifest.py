@@ -35,11 +35,9 @@ class CushionLayer:
 
 @dataclass(frozen=True)
 class GrainLayer:
-    """How grain follows a frame (docs/binned.md).  exponent: of its gain, over log ρ.  pressed: how
-    many times as far it fades where log ρ is below 0."""
+    """How grain follows a frame (docs/binned.md).  exponent: of its gain, over log ρ."""
 
     exponent: float
-    pressed: float
 
 
 @dataclass(frozen=True)

@@ -47,8 +47,6 @@ GRAIN = "grain"
 # Codes for the root mean square of the noise where texels carry all of it; the same where swells
 # differ by region or patch, and how many times as high as on even skin these are at most.
 CODES, UNEVEN_CODES, MOST_UNDULATION = 32.0, 16.0, 2.6
-# How many times as far grain and undulation fade by compression as by stretch of the same log.
-PRESSED = 2.0
 # Of even skin, at the corners of a triangle: factor of the grain, patchiness.
 _EVEN = np.array([1.0] * 6 + [0.0] * 3, np.float32)
 # How many edges from a pore on its value is carried over vertices without any; beyond, the mean.
@@ -204,12 +202,8 @@ def fill_gains(
     device.launch(
         "grain", "grain_gains", (groups.items,),
         groups.numbers, stretch.logs, exponent, np.int32(stretch.count), gains,
-        defines=_gain_defines(settings),
+        defines=response_defines(settings.response.soft_limits),
     )  # fmt: skip
-
-
-def _gain_defines(settings: AssetSettings) -> dict[str, object]:
-    return {**response_defines(settings.response.soft_limits), "PRESSED": f"{PRESSED}f"}
 
 
 def tiles_of_square(row: int, column: int, side: int, tile: int) -> list[tuple[int, int]]:
@@ -257,14 +251,16 @@ class Grain:
         if self.fields is None:
             self.device.launch(
                 "grain", "add_grain", size, *texels, self.gains, self.stretch.logs, *last,
-                defines={**_gain_defines(settings), **self.device.ahead_defines},
+                defines={
+                    **response_defines(settings.response.soft_limits), **self.device.ahead_defines,
+                },
             )  # fmt: skip
             return
         place = (settings.resolution, tile.row, tile.column)
         self.device.launch(
             "grain_smooth", "add_smooth_grain", size, *texels,
             *self.fields.arguments(self.located), *(np.int32(at) for at in place), *last,
-            defines=_gain_defines(settings),
+            defines=response_defines(settings.response.soft_limits),
         )  # fmt: skip
 
 

@@ -44,7 +44,7 @@ from rhytid.pipeline.cushion import (
 )
 from rhytid.pipeline.cushion_layer import APRON
 from rhytid.pipeline.events import EVENT_ANSWER, EVENT_LAYER, event_codes, event_steps
-from rhytid.pipeline.grain import GRAIN, PRESSED, grain_amplitude, grain_exponent, relief
+from rhytid.pipeline.grain import GRAIN, grain_amplitude, grain_exponent, relief
 from rhytid.pipeline.reach import SCALE_LIMIT
 from rhytid.pipeline.vectors import BYTES_A_TEXEL
 
@@ -241,7 +241,7 @@ def _manifest(
         soft_limits=response.soft_limits,
         pore_depth_limit=response.pore_depth_limit,
         cushion=_cushion(settings, cushion_factor),
-        grain=GrainLayer(grain_exponent(settings), PRESSED) if relief(settings) > 0.0 else None,
+        grain=GrainLayer(grain_exponent(settings)) if relief(settings) > 0.0 else None,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from rhytid import __version__
@@ -106,7 +106,7 @@ def _blend(maps: SkinMaps) -> m.Blend:
         soft_limits=bins.soft_limits,
         # A single bin has no angles for a line.
         tilt=m.Tilt(node=bins.tilt.node) if bins.tilt and len(bins.angles) > 1 else None,
-        grain=m.Grain(**asdict(bins.grain)) if bins.grain else None,
+        grain=m.Grain(exponent=bins.grain.exponent) if bins.grain else None,
     )
 
 

@@ -111,7 +111,6 @@ class Grain(_Part):
     """Noise of the neutral surface, added last."""
 
     exponent: float
-    pressed: float
 
 
 class Blend(_Part):

@@ -90,9 +90,8 @@ vec4 rhytid_layer(int n, RhytidStretch s)
 float rhytid_grain_gain(RhytidStretch s)
 {
 #if GRAIN
-    vec2 either_way = max(s.logs, -RHYTID_GRAIN_PRESSED * s.logs);
-    float r = 0.5 * (either_way.x + either_way.y);
-    return rhytid_scale(r, -RHYTID_GRAIN_EXPONENT, RHYTID_SCALE_LIMIT);
+    return 0.5 * (rhytid_scale(s.logs.x, -RHYTID_GRAIN_EXPONENT, RHYTID_SCALE_LIMIT) +
+                  rhytid_scale(s.logs.y, -RHYTID_GRAIN_EXPONENT, RHYTID_SCALE_LIMIT));
 #else
     return 0.0;
 #endif
