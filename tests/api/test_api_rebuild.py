@@ -257,7 +257,7 @@ def test_the_default_has_cushions_and_grain_that_show(
         "cushions", "cushion_places", "cushion_owners", "grain",
     }  # fmt: skip
     grain = one.codes["grain"][0][0]
-    assert 10 < grain.std() < 64
+    assert 5 < grain.std() < 32  # 16 codes are the root mean square where swells differ by place
     for name, least in (("cushion", 10), ("grain", 2)):
         whole = one.manifest
         one.manifest = {**whole, name: None}
