@@ -216,6 +216,18 @@ def test_lips_have_creases_across_them_up_to_their_border(device: Device) -> Non
     assert not (none.courses.wishes.family[none.row] == CREASES.number).any()
 
 
+def test_creases_fill_the_gaps_between_other_leaders(device: Device) -> None:
+    """Where a lip fades both run upright; other leaders keep 2.6 mm and more from one another."""
+    leaders, pores = traced(device, MESH, replace(folds(), regions={"lip": lip(0.6)}))
+    family = leaders.courses.wishes.family[leaders.row]
+    place, creases = pores.points.position, family[pores.line] == CREASES.number
+    inside = creases & (place[:, 0] > 0.6)
+    assert (~creases).sum() > 100
+    assert inside.sum() > 120
+    apart = cKDTree(place[~creases]).query(place[inside])[0] / MILLIMETRE
+    assert (apart < 1.5).mean() > 0.2
+
+
 def test_they_taper_to_both_ends_and_differ_in_depth(device: Device) -> None:
     leaders, pores = flat(device)
     deepest = []
@@ -377,6 +389,22 @@ def test_old_leaders_are_broader(device: Device, age: float, broader: float) -> 
     every = (1.1 * 1.3**0.9) ** wear(age)  # all lines are, by region and by fold
     width = [g.edge_half_width[g.edge_share > 1.02].mean() for g in graphs]
     assert width[1] / width[0] == pytest.approx(broader * every, rel=0.08)
+
+
+def test_old_leaders_around_the_mouth_stay_narrow_where_it_folds(device: Device) -> None:
+    """Elsewhere leaders get 1.8 times as broad as other lines do."""
+    settings = {"wrinkles": COUNT, "region": "mouth", "patches": 0.0}
+    young, old = (
+        synthesize(MESH, GraphSettings(age=at, **settings), device, folds=folds()).graph
+        for at in (35.0, 65.0)
+    )
+    right = [g.node_uv[g.edge_nodes, 0].mean(axis=1) > 0.56 for g in (young, old)]
+    width = [
+        g.edge_half_width[of & (g.edge_share > 1.02)].mean()
+        for g, of in zip((young, old), right, strict=True)
+    ]
+    every = 1.1 * 1.3**0.9
+    assert 0.98 * every < width[1] / width[0] < 1.25 * every
 
 
 @pytest.mark.parametrize("age", [20.0, 65.0])

@@ -203,7 +203,9 @@ REGIONS: dict[str, Region] = {
         patchiness=1.15,
         leading=0.85,
         uneven=1.0,
-        old=Old(strength=2.1, pore_strength=1.2, anisotropy=1.3, contrast=1.2, grain=1.4),
+        old=Old(
+            strength=3.0, pore_strength=1.2, anisotropy=1.3, contrast=1.2, grain=1.4, young=1.53
+        ),
     ),
 }
 # How finely regions are told apart.

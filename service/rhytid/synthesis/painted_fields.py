@@ -41,9 +41,9 @@ _PATCHED_LOOKS = 0.5
 # More than what density is rounded by on its way to the spacing.
 _SLACK = 1.0 + 1e-5
 _FACTORS = ("density", "strength", "anisotropy", "scale", "pore_radius")
-# What regions have that is no factor, and mixed as it is.
 # Shares of a region with creases at which these begin, and are as deep as anywhere.
 _NO_CREASES, _CREASED = np.float32(0.35), np.float32(0.85)
+# What regions have that is no factor, and mixed as it is.
 _PLAIN = ("turn", "crossed", "rings", "creases", "uneven")
 
 

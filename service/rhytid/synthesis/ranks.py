@@ -31,7 +31,8 @@ _DEEPEST = 0.5
 # Factors of these at 65, for leaders are what expressions leave behind: they are deeper and, lest
 # their sides be steeper, broader. The same of the weight of others where skin folds one way. Below
 # 35 a factor of its own is taken to a negative power: leaders are fainter there, and what lies
-# between them is less quiet, but weaker for its age; their width is that of 35.
+# between them is less quiet, but weaker for its age; their width is that of 35. Where lines are
+# uneven, as around the mouth, leaders stay as narrow as at 35: broad ones would be dells there.
 _OLD, _YOUNG, _OLD_BROAD = 1.9, 2.4, 1.8
 _OLD_OTHERS, _YOUNG_OTHERS = 0.55, 0.75
 _NARROW, _BROAD = 0.6, 1.25
@@ -102,17 +103,19 @@ class Ranks:
         middle = np.clip(middle, _TINY, 1.0)
         weight[edge], most[edge] = middle * profile, 1.0 / middle
         broad = min(rank, 1.0) * (_NARROW + (_BROAD - _NARROW) * size)
-        width[edge] = WIDE * broad * _OLD_BROAD ** np.maximum(aged, 0.0)
-        run[edge] = np.minimum(profile, 1.0)
         near = _nearness(net, leaders, _REACH * spacing)
         leading = leading_any_way(fields, net.pores.triangle, net.pores.uv)
+        uneven = np.minimum(rank, 1.0) * fields.uneven(net.pores.triangle, net.pores.uv) * leading
+        uneven = np.minimum(uneven, 1.0).astype(np.float32)
+        aged *= 1.0 - uneven[net.edges.nodes[edge]].mean(axis=1)
+        width[edge] = WIDE * broad * _OLD_BROAD ** np.maximum(aged, 0.0)
+        run[edge] = np.minimum(profile, 1.0)
         quiet = (1.0 - _BESIDE * near) * (1.0 - _FOLDED * leading)
         quiet *= 1.0 - _CREASED * CREASES.leading(fields, net.pores.triangle, net.pores.uv)
         quiet *= (_OLD_OTHERS if worn > 0.0 else _YOUNG_OTHERS) ** (worn * leading)
         of_pores = np.ones(len(net.pores), np.float32)
         of_pores[net.first] = _BEADS ** min(rank, 1.0)
-        uneven = np.minimum(rank, 1.0) * fields.uneven(net.pores.triangle, net.pores.uv) * leading
-        quiet, uneven = (v.astype(np.float32) for v in (quiet**rank, np.minimum(uneven, 1.0)))
+        quiet = (quiet**rank).astype(np.float32)
         return cls(weight, most, width, run, family, quiet, of_pores, uneven, rank)
 
     @property
