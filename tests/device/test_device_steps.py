@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rhytid.device.buffer import Buffer
+from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device, OnFirstUse
 from rhytid.engine.worker import DeviceWorker
+
+
+class Pair(BufferGroup):
+    """Two buffers."""
+
+    def __init__(self, device: Device) -> None:
+        self.one, self.two = (device.empty(4, np.float32) for _ in range(2))
+
+    @property
+    def _buffers(self) -> tuple[Buffer, ...]:
+        return (self.one, self.two)
 
 
 @pytest.fixture
@@ -153,3 +164,43 @@ def test_a_part_whose_making_fails_is_given_back_and_made_again(device: Device) 
     assert device.budget.used == before
     assert not part.get().released
     part.release()
+
+
+def failed_block(device: Device, worker: DeviceWorker, work: Callable[[], None]) -> None:
+    """Do work in a block of steps that then fails."""
+
+    def failing() -> None:
+        with device.in_steps(whole(device, worker)):
+            work()
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        failing()
+
+
+def test_what_a_step_finds_stays_where_the_block_fails_and_what_it_makes_does_not(
+    device: Device, worker: DeviceWorker
+) -> None:
+    """A group of buffers that a step returns may be kept by others: one that is made says so."""
+    kept, made = Pair(device), []
+
+    def work() -> None:
+        assert device.step(lambda: kept) is kept
+        made.append(device.make_in_step(lambda: Pair(device)))
+
+    failed_block(device, worker, work)
+    assert not kept.one.released
+    assert made[0].one.released
+    kept.release()
+
+
+def test_a_group_that_was_handed_over_stays(device: Device, worker: DeviceWorker) -> None:
+    made = []
+
+    def work() -> None:
+        made.append(device.make_in_step(lambda: Pair(device)))
+        device.hand_over()
+
+    failed_block(device, worker, work)
+    assert not made[0].one.released
+    made[0].release()

@@ -46,10 +46,10 @@ inline float16 owner_stretch(__global const int *owners, __global const CODE *pl
     return first + along * ((float16)(low.odd, high.odd) - first);
 }
 
-// owners: row by row, as clear_samples leaves them. codes: of each vector those of SAMPLES maps, then places. steps: displacement of a
-// code of each sample. last: log stretch of the last sample. depth: exponent and limit of the depth
-// scale. out: displacement, mesh units, row by row; within 1e-6 of the largest step times code of the
-// same in double.
+// owners: row by row, as clear_samples leaves them. codes: of each vector those of SAMPLES maps, then
+// places. steps: displacement of a code of each sample. last: log stretch of the last sample. depth:
+// exponent and limit of the depth scale. out: displacement, mesh units, row by row; within 1e-6 of the
+// largest step times code of the same in double.
 inline void blend_samples(__global const int *owners, __global const CODE *codes,
                           __global const float2 *stretches, __global const float *steps, float last,
                           float2 depth, __global float *out)

@@ -143,7 +143,7 @@ __kernel void coefficients(__global const int *groups, __global const float4 *ax
 }
 
 // For texels with a stiffness of their own (blend_stiff.cl): r of each layer, LAYERS per triangle;
-// with TILT then two more of as many, with directions as in sample_weights.
+// with TILT then two more of as many, with directions as in standing.
 __kernel void layer_stretches(__global const float4 *axes, __global const float2 *logs,
                               __global const float4 *jacobians,
                               __global const float2 *directions, __global float *stretches)

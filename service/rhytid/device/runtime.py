@@ -33,6 +33,7 @@ from rhytid.errors import DeviceMemoryError
 
 T = TypeVar("T")
 Part = TypeVar("Part", bound=Releasable)
+Group = TypeVar("Group", bound=BufferGroup)
 Method = TypeVar("Method", bound=Callable[..., Any])
 
 
@@ -53,13 +54,17 @@ class Steps:
         self._launches.append(launch)
 
     def step(self, task: Callable[[], Any]) -> Any:
-        """Run a task after all launches so far, and return its result. A buffer, or a group of
-        them, that it returns counts as made by it."""
+        """Run a task after all launches so far, and return its result. A buffer that it returns
+        counts as made by it."""
         launches, self._launches = self._launches, []
         found = self._call(_in_order, [*self._checks, *launches], task)
-        if isinstance(found, Buffer | BufferGroup):
-            self._made.append(found)
+        if isinstance(found, Buffer):
+            self.own(found)
         return found
+
+    def own(self, made: Buffer | BufferGroup) -> None:
+        """Count something as made in these steps: `give_back` releases it."""
+        self._made.append(made)
 
     def hand_over(self) -> None:
         """Forget the buffers that were made so far: `give_back` leaves them alone."""
@@ -160,9 +165,15 @@ class Device:
     @_stepped
     def step(self, task: Callable[[], T]) -> T:
         """Run a task in a task of the device, after all launches so far, and return its result. A
-        buffer, or a group of them, that it returns is given back where the block of `in_steps`
-        fails."""
+        buffer that it returns is given back where the block of `in_steps` fails."""
         return task()
+
+    def make_in_step(self, make: Callable[[], Group]) -> Group:
+        """As `step`, for a group of buffers that is made anew: it is given back likewise."""
+        found = self.step(make)
+        if self.steps is not None:
+            self.steps.own(found)
+        return found
 
     def hand_over(self) -> None:
         """The buffers that this thread made in steps so far have another owner now, such as the

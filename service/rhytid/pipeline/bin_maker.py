@@ -187,7 +187,7 @@ class BinMaker:
     def _tile(self, square: Square, codes: Buffer) -> BinTile:
         """The tile of codes, with the triangles and the stiffness of its texels."""
         side, (row, column, texels) = self._settings.resolution, square
-        found = self._device.step(partial(self._triangles, square))
+        found = self._device.make_in_step(partial(self._triangles, square))
         stiffness = stiffness_of_texels(
             self._device, self._stiffness, self._located.udim, side, row, column, texels
         )

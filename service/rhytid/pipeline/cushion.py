@@ -206,6 +206,11 @@ class CushionTile(BufferGroup):
         found: NDArray[np.int32] = device.read(self.owners, (self.side, self.side), np.int32)
         return np.where(found < 0, ~found, found)
 
+    def read_clear(self, device: Device) -> NDArray[np.bool_]:
+        """(side, side) where the mark of clear samples is, the first of a vector."""
+        found: NDArray[np.bool_] = device.read(self.owners, (self.side, self.side), np.int32) < 0
+        return found
+
     @property
     def _buffers(self) -> tuple[Buffer, ...]:
         return (self.owners, self.codes)

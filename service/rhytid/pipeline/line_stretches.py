@@ -83,14 +83,15 @@ class OwnerLines(BufferGroup):
         if elements.partners is not None:
             partners = device.read(elements.partners, (count, 2), np.int32)[owning]
             every = np.concatenate([owning, _others(partners, owning)])
-        number = np.full(
-            count + 2, -1, np.int32
-        )  # of each; of none; and, from behind, of no partner
+        # Of each line; of none; and, from behind, of no partner.
+        number = np.full(count + 2, -1, np.int32)
         number[every], number[count] = np.arange(len(every)), len(owning)
+        own = number[owners]
+        own[cushion.read_clear(device)] ^= -1  # as CushionTile marks them
         sampled = LinePlaces.read(device, elements)
         return cls(
             len(owning),
-            device.upload(number[owners]),
+            device.upload(own),
             device.upload(sampled.places[every]),
             device.upload(sampled.triangle[every]),
             None if sampled.stiffness is None else device.upload(sampled.stiffness[every]),

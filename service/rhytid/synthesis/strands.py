@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.synthesis.hashes import Words, normals, place_keys
-from rhytid.synthesis.lines import Indices, Lines
+from rhytid.synthesis.lines import NOTHING, Indices, Lines
 from rhytid.synthesis.surface import Points
 
 Singles = NDArray[np.float32]
@@ -60,7 +60,7 @@ def _beside(lines: Lines, partners: Indices, of: NDArray[np.intp]) -> Indices:
     found[beyond] = lines.copy_of[found[beyond]]
     number = np.full(lines.whole + 1, -1, np.int32)
     number[of] = np.arange(len(of))
-    found = number[found]
+    found = number[np.maximum(found, NOTHING)]
     return np.where(found < 0, np.arange(len(of), dtype=np.int32)[:, None], found)
 
 

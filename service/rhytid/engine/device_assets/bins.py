@@ -154,7 +154,7 @@ class DeviceBins:
     def blended(
         self, frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]
     ) -> list[Buffer]:
-        """float32 of level-0 tiles of one UDIM, blended for a frame."""
+        """float32 of different level-0 tiles of one UDIM, blended for a frame."""
         blend, model, udim = self._base.blend, query.stretch, addresses[0].udim
         tiles, lines = self._lined(frame, query, addresses)
         if query.sampling == "smooth":
@@ -179,9 +179,8 @@ class DeviceBins:
         if len(tiles) == 1 and maps.cushion is not None:
             own = self._frames.owner_lines(frame, query, at, maps.cushion)
             if own is not None:
-                return {
-                    at: replace(maps, cushion=replace(maps.cushion, owners=own.owners))
-                }, own.ends
+                alone = replace(maps.cushion, owners=own.owners)
+                return {at: replace(maps, cushion=alone)}, own.ends
         return tiles, self._frames.line_stretches(frame, query, at.udim)
 
     def _plain(
