@@ -86,12 +86,17 @@ def test_a_strand_goes_on_over_a_seam_and_both_halves_are_alike() -> None:
     copy_of = np.array([-1, -1, -1, -1, 1], np.int32)
     rest = [np.empty(0)] * 4
     lines = Lines(np.arange(5), joined, joined, np.empty(0), np.empty(0), copy_of, *rest)
-    partners = np.array([[-1, 1], [0, 4], [4, 3], [2, -2], [1, 2]], np.int32)
+    partners = np.array([[-1, 1], [0, 4], [4, 3], [2, -1], [1, 2]], np.int32)
     factor, width = unevenness(pores, lines, partners, np.ones(5, np.float32), 1)
     np.testing.assert_allclose(factor, factor[0], rtol=1e-5)
     assert abs(np.log(factor[0])) > 0.01
     np.testing.assert_allclose(width, factor**strands.WIDTH, rtol=1e-5)
-    apart = unevenness(pores, lines, np.full((5, 2), -1, np.int32), np.ones(5, np.float32), 1)[0]
+    # Below 0 for none: -1, and -2 of a line that ends alone.
+    apart, alone = (
+        unevenness(pores, lines, np.full((5, 2), none, np.int32), np.ones(5, np.float32), 1)[0]
+        for none in (-1, -2)
+    )
+    np.testing.assert_array_equal(alone, apart)
     assert np.log(apart[:4]).std() > 0.3
     assert apart[4] == apart[1]
 
