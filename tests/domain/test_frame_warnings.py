@@ -149,3 +149,11 @@ def test_the_real_face_wrong(face: face_data.Face, factor: float | None, code: s
     order = np.random.default_rng(1).permutation(len(face.positions))
     smile = face.composite("big_smile")
     assert codes(smile[order] if factor is None else smile * factor, check) == [code]
+
+
+@pytest.mark.parametrize(("factor", "warned"), [(0.97, True), (1.03, False)])
+def test_a_frame_to_calibrate_by_must_stretch_the_skin(factor: float, warned: bool) -> None:
+    moved = NEUTRAL * np.exp(factor * limits.STILL_STRETCH)
+    found = CHECK.calibration_warnings(np.float32(moved), "frame x")
+    assert [w.code for w in found] == [limits.CALIBRATION_STILL] * warned
+    assert codes(moved) == []

@@ -137,6 +137,20 @@ def test_frames_calibrations_and_tiles(engine):
     assert engine.frames.put(asset, "b", BENT, strict=True).warnings == ()
 
 
+def test_a_frame_that_hardly_moves_is_told_of_where_it_calibrates_and_nowhere_else(engine):
+    asset = built(engine, new_asset(unit="ft"))
+    still = sheet().positions
+    with pytest.raises(StrictError, match="calibration-still: frame of the calibration"):
+        engine.assets.calibrate(asset, still, strict=True)
+    assert engine.assets.info(asset).settings["bins"]["r_max"] > 0.01
+    info = engine.assets.calibrate(asset, still)
+    assert told(info.warnings) == (codes.CALIBRATION_STILL,)
+    finish(engine, info.id)
+    assert told(engine.jobs.info(info.id).warnings) == (codes.CALIBRATION_STILL,)
+    assert engine.frames.put(asset, "still", still, strict=True).warnings == ()
+    assert engine.assets.calibrate(asset, BENT, strict=True).warnings == ()
+
+
 def test_a_mesh_far_away_is_drawn_as_at_the_origin(tmp_path):
     """A million units away, as doubles."""
     near = sheet()

@@ -16,6 +16,7 @@ ROWS = {bare(row["code"]): row for row in table(TEXT, "Warnings")}
 NUMBERS = {
     limits.STRETCH_AT_CLAMP: (f"above {limits.CLAMP_MEDIAN:g} ",),
     limits.FRAME_SCALED: (f"{limits.SCALED_MEDIAN:g} or more", f" {limits.SCALED_SPREADS:g} times"),
+    limits.CALIBRATION_STILL: (f"{limits.STILL_STRETCH:g} or less",),
     limits.FAR_FROM_ORIGIN: (f"more than {limits.STEP_OF_EDGE:g} of",),
     limits.MESH_SIZE: (
         f"{limits.LEAST_SIZE / 10:g} cm to {limits.MOST_SIZE / 1000:g} m in its unit",

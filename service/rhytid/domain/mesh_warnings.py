@@ -17,6 +17,7 @@ from rhytid.domain.mesh import Mesh, add_centre, float_step
 from rhytid.domain.tiles import mesh_udims, udim_origin
 from rhytid.domain.uv_layout import Overlap, overlap_of, texel_spread
 from rhytid.domain.warnings import (
+    CALIBRATION_STILL,
     CLAMP_MEDIAN,
     FAR_FROM_ORIGIN,
     FRAME_SCALED,
@@ -30,6 +31,7 @@ from rhytid.domain.warnings import (
     SCALED_MEDIAN,
     SCALED_SPREADS,
     STEP_OF_EDGE,
+    STILL_STRETCH,
     STRETCH_AT_CLAMP,
     TEXEL_RATIO,
     TEXEL_SIZE,
@@ -262,6 +264,21 @@ class FrameCheck:
         positions: (V, 3) in mesh units, less the centre.  where: names the frame.
         """
         return tuple(self._found(positions, where))
+
+    def calibration_warnings(
+        self, positions: NDArray[np.float32], where: str
+    ) -> tuple[InputWarning, ...]:
+        """The warnings about a frame that precomputed maps are to reach as far as; the rest as in
+        `warnings`."""
+        size = np.sort(np.abs(self.log_stretch(positions)), axis=None)
+        most = float(size[int(0.9 * (size.size - 1))])
+        if most > STILL_STRETCH:
+            return ()
+        detail = (
+            f"nine tenths of the skin are stretched or compressed by {100 * np.expm1(most):.2g} % "
+            "or less: is it the neutral? Precomputed maps will be right for hardly more than that"
+        )
+        return (InputWarning(CALIBRATION_STILL, detail, where),)
 
     def _found(self, positions: NDArray[np.float32], where: str) -> Iterator[InputWarning]:
         logs = self.log_stretch(positions)

@@ -19,6 +19,7 @@ MESH_SIZE = "mesh-size"
 FAR_FROM_ORIGIN = "far-from-origin"
 STRETCH_AT_CLAMP = "stretch-at-clamp"
 FRAME_SCALED = "frame-scaled"
+CALIBRATION_STILL = "calibration-still"
 SETTINGS_CHANGED = "settings-changed"
 SETTINGS_UNUSED = "settings-unused"
 DEVICES_MIXED = "devices-mixed"
@@ -40,6 +41,7 @@ CODES = (
     FAR_FROM_ORIGIN,
     STRETCH_AT_CLAMP,
     FRAME_SCALED,
+    CALIBRATION_STILL,
     SETTINGS_CHANGED,
     SETTINGS_UNUSED,
     DEVICES_MIXED,
@@ -88,6 +90,9 @@ CLAMP_MEDIAN = 0.4
 SCALED_MEDIAN, SCALED_SPREADS = 0.05, 3.0
 # frame-scaled: how near the factor must be to that of two units for these to be named.
 UNIT_TOLERANCE = 0.05
+# calibration-still: the 90th percentile of |log stretch| up to which `bins.r_max` becomes the least
+# that there is. Expressions of a whole face have 0.09 to 0.3; an eye that shuts, by itself, 0.003.
+STILL_STRETCH = 0.01
 # scan-depth: between what 95 % of a relief lie, mm: from fine pores of smooth skin to folds of a
 # neck that the mesh does not have. And the gradient that a twentieth of it exceeds: 0.06 to 0.2 of
 # a cheek at 0.1 mm a texel; ten times that is a scale in cm for one in mm.
@@ -181,6 +186,14 @@ WARNINGS: dict[str, Meaning] = {
             "export neutral and frames in one unit; the text has the factor, and the two units "
             "that it looks like"
         ),
+    ),
+    CALIBRATION_STILL: Meaning(
+        "the frame of a calibration",
+        (
+            "it hardly stretches the skin: the 90th percentile of abs(log stretch) is 0.01 or "
+            "less, and precomputed maps that end there are wrong wherever skin moves further"
+        ),
+        "calibrate with the frame that stretches the skin most, not with the neutral",
     ),
     FAR_FROM_ORIGIN: Meaning(
         "a mesh, a frame",

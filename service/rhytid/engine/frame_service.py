@@ -112,14 +112,22 @@ class FrameService(Frames):
 
 
 def checked_frame(
-    asset: Asset, positions: ArrayLike | Frame, name: str, strict: bool, allow: Collection[str]
+    asset: Asset,
+    positions: ArrayLike | Frame,
+    name: str,
+    strict: bool,
+    allow: Collection[str],
+    calibrates: bool = False,
 ) -> tuple[Frame, tuple[InputWarning, ...]]:
     """Positions (V, 3) as a frame, and warnings of what is probably wrong with it; strict: raise
-    StrictError where the code of one is not in `allow`."""
+    StrictError where the code of one is not in `allow`.  calibrates: whether precomputed maps are
+    to reach as far as it."""
     check_codes(allow)
     frame = asset.checked(positions)
     assert frame.positions is not None
     warnings = asset.frame_warnings(frame.positions, name)
+    if calibrates:
+        warnings += asset.calibration_warnings(frame.positions, name)
     if strict:
         refuse(warnings, allow)
     return frame, warnings

@@ -280,6 +280,14 @@ class Asset:
             return ()
         return self.frame_check.warnings(positions, name)
 
+    def calibration_warnings(
+        self, positions: NDArray[np.float32], name: str
+    ) -> tuple[InputWarning, ...]:
+        """Likewise, of a frame to calibrate by, beside those."""
+        if self.frame_check is None:
+            return ()
+        return self.frame_check.calibration_warnings(positions, name)
+
     def check_address(self, address: TileAddress) -> int:
         """The texels per side of a tile. Raises NotFoundError where the tile does not exist, and
         what `check_ready` raises."""

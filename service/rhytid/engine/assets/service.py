@@ -248,7 +248,7 @@ class AssetService(Assets):
         found = self._assets.get(asset)
         found.check_ready()
         name = "frame of the calibration"
-        frame, warnings = checked_frame(found, positions, name, strict, allow)
+        frame, warnings = checked_frame(found, positions, name, strict, allow, calibrates=True)
         work = _Calibration(found, frame, self._on_device, self._builder)
         job = self._jobs.start("calibration", asset, work, small=found.small)
         job.update(warnings=warnings)
