@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -178,6 +179,18 @@ def test_a_store_whose_asset_was_changed_is_baked_with_a_warning(
     (told,) = lines(capsys, "settings-changed")
     assert "shape.cushion is 0.2, sent was 0.7" in told
     assert main([*given, "--out", str(tmp_path / "c"), "--strict"]) == 1
+
+
+def test_the_spacing_told_and_the_depth_are_as_many_times_the_usual_ones(
+    neutral: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """On a neck pores are farther apart than their spacing."""
+    graph = tmp_path / "g.safetensors"
+    given = (str(neutral), "--region", "neck", "--wrinkles", "400", "--out", str(graph))
+    assert main(["synthesize", *given]) == 0
+    (told,) = [line for line in capsys.readouterr().err.splitlines() if "fix the spacing" in line]
+    spacing, usual, depth, usual_depth = map(float, re.findall(r"([\d.]+) mm", told)[:4])
+    assert depth / usual_depth == pytest.approx(spacing / usual, rel=0.01)
 
 
 @pytest.mark.slow

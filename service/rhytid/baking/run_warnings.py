@@ -107,11 +107,11 @@ class RunWarnings:
         for line in lines:
             self.note(line)
 
-    def lengths(self, settings: AssetSettings, distance: float) -> None:
+    def lengths(self, settings: AssetSettings, spacing: float) -> None:
         """Print the lengths that follow from a number of wrinkles, if the settings give one.
-        settings: resolved.  distance: mean distance from a pore to the nearest one, mesh units."""
+        settings: resolved.  spacing: of pores, where their density is 1, mesh units."""
         if settings.graph.wrinkles is not None:
-            self.note(spacing_of_count(settings, distance))
+            self.note(spacing_of_count(settings, spacing))
 
     def note(self, line: str) -> None:
         """Print one line as a notice. Prints nothing where quiet."""

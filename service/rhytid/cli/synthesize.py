@@ -115,7 +115,7 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
         grow = partial(synthesize, mesh, device=device, controls=controls, folds=folds, unit=unit)
         made = grow(settings, progress=clock)
     drawn = AssetSettings(unit=unit, graph=settings).with_lengths(made.lengths)
-    warnings.lengths(drawn, made.distance)
+    warnings.lengths(drawn, made.spacing)
     lengths = drawn.lengths(made.spacing)
     origin = GraphOrigin.of(mesh, unit, lengths, settings.start, made.graph.origin)
     graph = replace(made.graph, origin=origin)

@@ -141,10 +141,11 @@ def redrawn_notice(before: AssetSettings, after: AssetSettings) -> tuple[Notice,
     return (Notice(SCAN_REDRAWN, detail),)
 
 
-def spacing_of_count(settings: AssetSettings, distance: float) -> str:
+def spacing_of_count(settings: AssetSettings, spacing: float) -> str:
     """A line about the lengths that follow where `graph.wrinkles` fixes how far apart pores are.
 
-    settings: resolved.  distance: mean distance from a pore to the nearest, mesh units.
+    settings: resolved.  spacing: of pores, where their density is 1, mesh units; the usual one
+    counts likewise, and depths follow it.
     """
     assert settings.depth is not None
     depth, shape = settings.depth, settings.shape
@@ -153,7 +154,7 @@ def spacing_of_count(settings: AssetSettings, distance: float) -> str:
     deep = f" (usually {SKIN.depth * depth_factor(settings.graph.age):.3g} mm)" if known else ""
     return (
         f"{settings.graph.wrinkles} wrinkles fix the spacing, and depths follow it: pores are "
-        f"{_length(distance, settings)} apart{usual}, furrows of strength 1 are "
+        f"{_length(spacing, settings)} apart{usual}, furrows of strength 1 are "
         f"{_length(depth, settings)} deep{deep}, grain {_length(shape.grain * depth, settings)} "
         f"and undulation {_length(shape.undulation * depth, settings)} rms"
     )

@@ -104,7 +104,7 @@ class Session:
             clock.stop()
         assert self.asset.statistics is not None
         resolved = AssetSettings.parse(self.asset.settings)
-        self.warned.lengths(resolved, self.asset.statistics["distance"])
+        self.warned.lengths(resolved, self.asset.statistics["spacing"])
         self.warned.add_notices(Notice(n.code, n.detail) for n in self.asset.notices)
 
     def send_frames(self) -> None:
