@@ -66,7 +66,7 @@ class Region:
     any age.  crossed: of how far it has long level ones, too, whatever else folds it.  rings: how
     far it has long soft lines around the vertical axis.  creases: how far it has upright ones close
     together, as lips do.  uneven: how far lines between leaders differ by chance from those beside
-    them.  old: what age makes of the others.
+    them, and leaders stay as narrow with age.  old: what age makes of the others.
     """
 
     density: float = 1.0
