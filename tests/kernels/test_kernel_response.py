@@ -126,7 +126,7 @@ def test_ends_go_to_the_mean_with_their_partners_and_none_has_nothing(device, co
     r = random.normal(size=count).astype(np.float32)
     partners = random.integers(-1, count, (count, 2)).astype(np.int32)
     out = np.full((count + 2, 2), 7.0, np.float32)
-    arguments = [None, r, partners, np.int32(count), np.float32(0.75)]
+    arguments = [r, partners, np.int32(count), np.float32(0.75)]
     text, options = rhytid_kernels.source("ends"), ["-DSCALE_LIMIT=4.0f"]
     size = (count // VECTOR + 1,)
     found = run(device, text, "end_stretches", size, arguments, out, options)

@@ -65,13 +65,12 @@ __kernel void respond_ends(__global const int *groups, __global const float *r,
             (float4)(found[0][lane], found[1][lane], found[2][lane], found[3][lane]);
 }
 
-// r at both ends, (start, end), of `count` wrinkles, and behind them that of none: 0. groups, partners,
-// share: as in respond_ends.
-__kernel void end_stretches(__global const int *groups, __global const float *r,
-                            __global const int2 *partners, int count, float share,
-                            __global float2 *ends)
+// r at both ends, (start, end), of `count` wrinkles, and behind them that of none: 0. partners, share: as
+// in respond_ends.
+__kernel void end_stretches(__global const float *r, __global const int2 *partners, int count,
+                            float share, __global float2 *ends)
 {
-    int first = first_in_group(groups);
+    int first = get_global_id(0) * LANES;
     for (int i = first; i < min(first + LANES, count); i++) {
         int2 partner = partners ? partners[i] : (int2)(-1);
         ends[i] = at_ends(r, i, partner, share);

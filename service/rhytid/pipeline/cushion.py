@@ -203,13 +203,13 @@ class CushionTile(BufferGroup):
 
     def read_owners(self, device: Device) -> NDArray[np.int32]:
         """(side, side) owners."""
-        found: NDArray[np.int32] = device.read(self.owners, (self.side, self.side), np.int32)
-        return np.where(found < 0, ~found, found)
+        return self.read_marked(device)[0]
 
-    def read_clear(self, device: Device) -> NDArray[np.bool_]:
-        """(side, side) where the mark of clear samples is, the first of a vector."""
-        found: NDArray[np.bool_] = device.read(self.owners, (self.side, self.side), np.int32) < 0
-        return found
+    def read_marked(self, device: Device) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+        """(side, side) owners, and where the mark of clear samples is, the first of a vector."""
+        found: NDArray[np.int32] = device.read(self.owners, (self.side, self.side), np.int32)
+        marked = found < 0
+        return np.where(marked, ~found, found), marked
 
     @property
     def _buffers(self) -> tuple[Buffer, ...]:

@@ -76,7 +76,7 @@ class OwnerLines(BufferGroup):
     @classmethod
     def of(cls, device: Device, elements: UdimElements, cushion: CushionTile) -> OwnerLines:
         """The owners of a tile of a UDIM."""
-        count, owners = elements.wrinkles, cushion.read_owners(device)
+        count, (owners, marked) = elements.wrinkles, cushion.read_marked(device)
         owning = united([owners[owners < count]])
         partners: Numbers | None = None
         every = owning
@@ -87,7 +87,7 @@ class OwnerLines(BufferGroup):
         number = np.full(count + 2, -1, np.int32)
         number[every], number[count] = np.arange(len(every)), len(owning)
         own = number[owners]
-        own[cushion.read_clear(device)] ^= -1  # as CushionTile marks them
+        own[marked] ^= -1  # as CushionTile marks them
         sampled = LinePlaces.read(device, elements)
         return cls(
             len(owning),
@@ -123,7 +123,7 @@ def _find_ends(
     """r at both ends of the first `count` lines, from r of each."""
     device.launch(
         "ends", "end_stretches", (Groups.of(count + 1).items,),
-        None, r, partners, np.int32(count), np.float32(settings.response.ends), ends,
+        r, partners, np.int32(count), np.float32(settings.response.ends), ends,
         defines=response_defines(settings.response.soft_limits),
     )  # fmt: skip
 
