@@ -10,10 +10,10 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.synthesis import strands
+from rhytid.synthesis import ranks
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.lines import Lines
-from rhytid.synthesis.strands import unevenness
+from rhytid.synthesis.ranks import unevenness
 from rhytid.synthesis.surface import Points
 from synthesis.test_synthesis_leaders import MESH, folds
 
@@ -31,7 +31,7 @@ def grown(device: Device, mesh: Mesh = MESH, **more: object) -> WrinkleGraph:
 def skins(device: Device) -> tuple[WrinkleGraph, WrinkleGraph]:
     """Uneven skin, which folds right of the middle, and the same without chance."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(strands, "DEVIATION", 0.0)
+        patch.setattr(ranks, "UNEVEN", 0.0)
         even = grown(device)
     return grown(device), even
 
@@ -54,7 +54,7 @@ def test_strands_differ_where_skin_folds_and_nowhere_else(
     assert squares[0] / squares[1] == pytest.approx(0.55, abs=0.12)
     wider = uneven.edge_half_width / even.edge_half_width
     lines &= uneven.edge_weight < 1.0
-    np.testing.assert_allclose(wider[lines], ratio[lines] ** strands.WIDTH, rtol=1e-4)
+    np.testing.assert_allclose(wider[lines], ratio[lines] ** ranks.UNEVEN_WIDTH, rtol=1e-4)
 
 
 def test_a_strand_is_alike_for_some_spacings_and_others_beside_it_are_not(
@@ -90,7 +90,7 @@ def test_a_strand_goes_on_over_a_seam_and_both_halves_are_alike() -> None:
     factor, width = unevenness(pores, lines, partners, np.ones(5, np.float32), 1)
     np.testing.assert_allclose(factor, factor[0], rtol=1e-5)
     assert abs(np.log(factor[0])) > 0.01
-    np.testing.assert_allclose(width, factor**strands.WIDTH, rtol=1e-5)
+    np.testing.assert_allclose(width, factor**ranks.UNEVEN_WIDTH, rtol=1e-5)
     # Below 0 for none: -1, and -2 of a line that ends alone.
     apart, alone = (
         unevenness(pores, lines, np.full((5, 2), none, np.int32), np.ones(5, np.float32), 1)[0]
@@ -107,5 +107,5 @@ def test_without_ranks_and_in_other_regions_nothing_differs(
 ) -> None:
     settings = {"wrinkles": 3000, name: value}
     one = grown(device, **settings)
-    monkeypatch.setattr(strands, "DEVIATION", 0.0)
+    monkeypatch.setattr(ranks, "UNEVEN", 0.0)
     np.testing.assert_array_equal(one.edge_weight, grown(device, **settings).edge_weight)

@@ -16,12 +16,11 @@ from rhytid.synthesis.hashes import place_keys
 from rhytid.synthesis.lines import Lines, ends_of, joins_of
 from rhytid.synthesis.pore_density import Usual
 from rhytid.synthesis.progress import Progress, over_block, part, row_blocks
-from rhytid.synthesis.ranks import Ranks, Strips
+from rhytid.synthesis.ranks import Ranks, Strips, unevenness
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.charts import trace
 from rhytid.synthesis.seams.copies import Arrays, with_copies
 from rhytid.synthesis.shapes import pore_axes, pore_ellipses
-from rhytid.synthesis.strands import unevenness
 from rhytid.synthesis.surface import Points, Surface
 
 _LEAST_WEIGHT = 1e-4
