@@ -109,3 +109,19 @@ def test_without_ranks_and_in_other_regions_nothing_differs(
     one = grown(device, **settings)
     monkeypatch.setattr(ranks, "UNEVEN", 0.0)
     np.testing.assert_array_equal(one.edge_weight, grown(device, **settings).edge_weight)
+
+
+@pytest.mark.parametrize(("rank", "share"), [(0.5, 0.5), (2.0, 1.0)])
+def test_strands_differ_by_rank_and_no_more_above_1(
+    device: Device, monkeypatch: pytest.MonkeyPatch, rank: float, share: float
+) -> None:
+    """On skin that folds a little, which would else be twice as uneven by a rank of 2."""
+    little = folds(MESH, size=0.02)
+    of, found = ranks.Ranks.of, []
+    monkeypatch.setattr(ranks.Ranks, "of", lambda *a: found.append(of(*a)) or found[-1])
+    for one in (1.0, rank):
+        settings = GraphSettings(wrinkles=3000, region="mouth", rank=one)
+        synthesize(MESH, settings, device, folds=little)
+    whole, part = (ranked.uneven for ranked in found)
+    assert 0.1 < np.median(whole[whole > 0]) < 0.5
+    np.testing.assert_allclose(part, share * whole, rtol=1e-5)

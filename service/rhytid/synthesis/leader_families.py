@@ -37,10 +37,10 @@ class Family:
     and how deep they are.  crossed: whether others may cross them.  single: whether there is one
     alone, along which skin has it most, and which no line before it cuts.  winding: how far they
     wind about their direction, radians, and over which lengths, millimetres.  waves: lengths of
-    those of their depth, millimetres, from, and by chance how much longer.  uneven: how high each
-    of these is; where their sum is below -1 a line is broken.  takes: of the shortening of skin,
-    what one takes in its middle at rank 1, of what it would by itself.  strip: how far it takes
-    that from, in pore spacings.
+    those of their depth, millimetres, from, and by chance how much longer.  amplitude: of each of
+    these; where their sum is below -1 a line is broken.  takes: of the shortening of skin, what one
+    takes in its middle at rank 1, of what it would by itself.  strip: how far it takes that from,
+    in pore spacings.
     """
 
     leading: Values
@@ -60,7 +60,7 @@ class Family:
     single: bool = False
     winding: tuple[tuple[float, float], ...] = ((0.15, 9.0), (0.16, 2.2))
     waves: tuple[tuple[float, float], ...] = ((1.0, 0.9), (2.4, 2.5), (7.0, 6.0))
-    uneven: float = 0.27
+    amplitude: float = 0.27
     takes: float = 2.2
     strip: float = 5.0
 
@@ -84,7 +84,7 @@ CROSSING = Family(
     farther=2.0,
     least=0.6,
     winding=((0.12, 9.0), (0.2, 2.2)),
-    uneven=0.2,
+    amplitude=0.2,
 )
 RINGS = Family(
     lambda f, *place: f.rings(*place),
@@ -102,7 +102,7 @@ RINGS = Family(
     deep=1.4,
     winding=((0.15, 14.0), (0.08, 5.0)),
     waves=((8.0, 7.0), (18.0, 16.0), (36.0, 30.0)),
-    uneven=0.38,
+    amplitude=0.38,
 )
 # One line on each of the two crests, as long as that is, and no other within some millimetres.
 FROWN_LEFT = Family(
@@ -120,7 +120,7 @@ FROWN_LEFT = Family(
     crossed=False,
     single=True,
     winding=((0.16, 12.0), (0.18, 3.0)),
-    uneven=0.2,
+    amplitude=0.2,
     takes=4.0,
     strip=16.0,
 )
@@ -144,7 +144,7 @@ CREASES = Family(
     deep=0.8,
     winding=((0.22, 5.0), (0.18, 1.5)),
     waves=((2.0, 2.0), (4.0, 3.0), (8.0, 6.0)),
-    uneven=0.35,
+    amplitude=0.35,
     takes=1.6,
     strip=3.0,
 )

@@ -122,10 +122,10 @@ class Leaders:
         line, where = self._places(radius)
         row, wishes = self.row[line], self.courses.wishes
         points = self.courses.between(row, where)
-        taper, uneven = self._profiles(line, where)
-        profile = taper * uneven
+        taper, ripple = self._profiles(line, where)
+        profile = taper * ripple
         size = np.sqrt(wishes.size[row])
-        width = size * wishes.broad[row] * (_ENDS + (1.0 - _ENDS) * taper) * np.sqrt(uneven)
+        width = size * wishes.broad[row] * (_ENDS + (1.0 - _ENDS) * taper) * np.sqrt(ripple)
         leading = leading_of(wishes.family[row], fields, points.triangle, points.uv)
         depth = size * wishes.deep[row] * profile * np.sqrt(np.clip(leading, 0.0, 1.0))
         holds = surface.carries[points.triangle] & ~fields.bare(points.triangle, points.uv)
@@ -151,22 +151,22 @@ class Leaders:
         """(Q,) from 0 at the ends of leaders to 1 between, and (Q,) factors of their depth along
         them, as the families have these."""
         taper = _taper((where - self.first[line]) / (self.last - self.first)[line])
-        row, uneven = self.row[line], np.ones(len(where))
+        row, ripple = self.row[line], np.ones(len(where))
         number = self.courses.wishes.family[row]
         for family in FAMILIES:
             of = np.flatnonzero(number == family.number)
-            uneven[of] = self._uneven(family, row[of], where[of])
-        return taper, uneven
+            ripple[of] = self._ripple(family, row[of], where[of])
+        return taper, ripple
 
-    def _uneven(self, family: Family, row: IntArray, where: FloatArray) -> FloatArray:
+    def _ripple(self, family: Family, row: IntArray, where: FloatArray) -> FloatArray:
         """(Q,) factors of the depth along lines of a family, about 1: waves with phases of each of
         their own.  row (Q,): the courses."""
         key, waves = self.courses.wishes.key[row], np.zeros(len(where))
         for salt, (least, more) in enumerate(family.waves, _WAVY):
             phase, longer = unit_intervals(key, salt, self.seed)[:2]
             waves += np.sin(2 * np.pi * (where * family.pace / (least + more * longer) + phase))
-        uneven: FloatArray = np.maximum(1.0 + family.uneven * waves, 0.0)
-        return uneven
+        ripple: FloatArray = np.maximum(1.0 + family.amplitude * waves, 0.0)
+        return ripple
 
 
 def _evenly(density: FloatArray, first: int) -> FloatArray:
