@@ -210,13 +210,26 @@ def test_half_floats_are_read_as_numpy_does() -> None:
 
 
 @pytest.mark.parametrize(
-    ("shapes", "told"), [(("smile", "jawOpen"), "smile, jawOpen"), ((), "the asset has none")]
+    ("shapes", "told"),
+    [
+        (
+            ("smile", "eyeBlink_L", "mouthOpen", "jawLeft", "jawOpen"),
+            r"closest are jawOpen, jawLeft, mouthOpen; open it with shapes=\[…\]",
+        ),
+        ((), "the asset has none$"),
+    ],
 )
-def test_a_shape_that_is_not_known_is_told_with_those_that_are(
+def test_a_shape_that_is_not_known_is_told_with_those_that_are_spelt_alike(
     shapes: tuple[str, ...], told: str
 ) -> None:
-    with pytest.raises(ValueError, match=f"'jawopen' is none of the shapes .*: {told}$"):
-        weights_message(1, {"jawopen": 1.0}, shapes)
+    with pytest.raises(ValueError, match=f"'jaw_open' is none of the shapes [^:]*: {told}"):
+        weights_message(1, {"jaw_open": 1.0}, shapes)
+
+
+def test_another_number_of_weights_is_told_with_how_to_name_them() -> None:
+    told = r"weights have shape \(1,\), not \(2,\): open it with shapes=\[…\]"
+    with pytest.raises(ValueError, match=told):
+        weights_message(1, [0.5], ("smile", "jawOpen"))
 
 
 def test_without_the_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,7 +36,7 @@ BAD_HEADERS = {
     "tolerance": {"message": "open", "tiles": [TILE], "tolerance": -1},
     "speed": {"message": "open", "tiles": [TILE], "speed": 1},
     "camera.matrix": {"message": "open", "camera": {"matrix": [[1, 0, 0, 0]]}},
-    "none of the shapes": {"message": "open", "tiles": [TILE], "shapes": ["tongueOut"]},
+    "closest to tongueOut are": {"message": "open", "tiles": [TILE], "shapes": ["tongueOut"]},
 }
 
 
@@ -103,7 +103,7 @@ def frame(number: int = 5, kind: int = 1, count: int = 25, nbytes: int = 300) ->
         (frame(kind=3), 4400, "kind 3"),
         (frame(count=24), 4400, "24 vertices: must be 25"),
         (frame(nbytes=299), 4400, "299 bytes"),
-        (frame(kind=2, count=2, nbytes=8), 4400, "2 weights: must be 3"),
+        (frame(kind=2, count=2, nbytes=8), 4400, "2 weights: must be 3, or name yours as shapes in the header"),
         (frame(number=4), 4409, "frame 4 came after frame 4"),
         (frame(number=3), 4409, "numbers must grow"),
         ('{"message": "view"}', 4400, "view: "),

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Sequence
+from difflib import get_close_matches
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,8 +71,8 @@ class Blendshapes:
         meant = meant_shapes(self.names, shapes.names)
         self.unknown = tuple(n for n, found in zip(self.names, meant, strict=True) if not found)
         if len(self.unknown) == len(self.names):
-            known = ", ".join(shapes.names[:8])
-            raise InputError(f"none of the shapes {', '.join(self.names[:8])} is known: {known}, …")
+            near = ", ".join(_closest(self.names[0], shapes.names))
+            raise InputError(f"shapes: none is known; closest to {self.names[0]} are {near}")
         used = sorted({index for found in meant for index in found})
         self._neutral = neutral
         # One row of differences for each shape that some weight moves.
@@ -172,6 +173,12 @@ def frowning_side(name: str) -> str | None:
     both; None for any other name."""
     stem, side = name_parts(name)
     return side if _plain(name).startswith(_FROWNS) or _LOWERED.match(stem) else None
+
+
+def _closest(name: str, known: Sequence[str]) -> list[str]:
+    """The three known names, at most, that are spelt most alike."""
+    spelt = {one.lower(): one for one in reversed(known)}
+    return [spelt[one] for one in get_close_matches(name.lower(), spelt, n=3, cutoff=0.0)]
 
 
 def _plain(name: str) -> str:

@@ -6,6 +6,7 @@ import json
 import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cache
 from typing import Any
 
@@ -24,6 +25,7 @@ _POSITIONS, _WEIGHTS = 1, 2
 _TILE = struct.Struct("<QIIIIIHHIf")
 _CODES: dict[int, np.dtype[Any]] = {1: np.dtype("<f4"), 2: np.dtype("<f2"), 3: np.dtype("<u2")}
 _F16, _U16 = 2, 3
+_OTHERS = "open it with shapes=[…], the names of your weights, to send others"
 # udim, level, row, column
 Address = tuple[int, int, int, int]
 
@@ -126,16 +128,23 @@ def weights_message(
     if isinstance(weights, Mapping):
         strange = [name for name in weights if name not in shapes]
         if strange:
-            known = ", ".join(shapes[:8]) + (", …" if len(shapes) > 8 else "")
-            raise ValueError(
-                f"{strange[0]!r} is none of the shapes of this connection: "
-                f"{known or 'the asset has none'}"
-            )
+            told = f"{strange[0]!r} is none of the shapes of this connection"
+            raise ValueError(f"{told}: {_instead(strange[0], shapes)}")
         weights = [weights.get(name, 0.0) for name in shapes]
     array = np.ascontiguousarray(weights, "<f4")
     if array.shape != (len(shapes),):
-        raise ValueError(f"weights have shape {array.shape}, not ({len(shapes)},)")
+        told = f"weights have shape {array.shape}, not ({len(shapes)},)"
+        raise ValueError(f"{told}: {_OTHERS} or in another order" if len(shapes) else told)
     return _FRAME.pack(number, _WEIGHTS, len(array)) + array.tobytes()
+
+
+def _instead(name: str, shapes: Sequence[str]) -> str:
+    """What to do about a name that is none of the shapes."""
+    if not shapes:
+        return "the asset has none"
+    spelt = {shape.lower(): shape for shape in reversed(shapes)}
+    near = get_close_matches(name.lower(), spelt, n=3, cutoff=0.0)
+    return f"closest are {', '.join(spelt[one] for one in near)}; {_OTHERS}"
 
 
 def read_ready(message: str | bytes, call: Request) -> LiveAsset:

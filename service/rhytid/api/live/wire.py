@@ -179,7 +179,8 @@ def read_frame(message: bytes, after: int, vertices: int, weights: int) -> LiveF
     wanted = vertices if kind == POSITIONS else weights
     if count != wanted:
         what = "vertices" if kind == POSITIONS else "weights"
-        raise LiveClosed(BAD_MESSAGE, f"frame {number} has {count} {what}: must be {wanted}")
+        why = "" if kind == POSITIONS else ", or name yours as shapes in the header"
+        raise LiveClosed(BAD_MESSAGE, f"frame {number} has {count} {what}: must be {wanted}{why}")
     nbytes = (12 if kind == POSITIONS else 4) * count
     if len(message) != FRAME.size + nbytes:
         raise LiveClosed(
