@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +20,7 @@ from rhytid.engine.messages import MapQuery
 from rhytid.errors import QueryError, StrictError
 from rhytid.formats.graphs import write_graph
 from rhytid.storage.records import BuildFacts
-from rhytid_client import Client, Notice, RhytidWarning
+from rhytid_client import Client, Notice, RequestError, RhytidWarning
 
 # The sheet is 2 units wide: in feet it could be a face.
 BENT = deform(sheet().positions, 1, 0.1)
@@ -209,6 +210,22 @@ def test_clients_are_told_of_changed_and_of_unused_settings(engine):
             again = client.create_asset(obj, **sent)
     assert told(again.warnings) == (codes.SETTINGS_CHANGED, codes.SETTINGS_UNUSED)
     assert "depth is 0.5, sent was null" in again.warnings[0].detail
+
+
+def test_clients_are_told_of_arrays_that_nothing_reads(engine):
+    """In every answer to who sends them, and not of the asset, which has none of them."""
+    corners = np.float32([[0, 0, 0], [9, 0, 0], [0, 9, 0]])
+    arrays = {"positions": corners, "faces": [[0, 1, 2]], "uv": np.eye(3)[:, :2], "frame": corners}
+    packed = io.BytesIO()
+    np.savez(packed, face_uv=[[0, 1, 2]], **arrays)
+    sent = {"name": "a.npz", "settings": {"resolution": 256, "tile_size": 64}}
+    with serving(engine) as http, Client(str(http.base_url)) as client:
+        for _ in range(2):
+            with pytest.warns(RhytidWarning, match=r"not read: 'frame' \(did you mean frames\?\)"):
+                asset = client.wait(client.create_asset(packed.getvalue(), **sent))
+        assert client.asset(asset).warnings == ()
+        with pytest.raises(RequestError, match="arrays-unused"):
+            client.create_asset(packed.getvalue(), **sent, strict=True)
 
 
 def test_grain_that_is_not_drawn_is_a_notice_and_strict_lets_it_be(engine):

@@ -23,8 +23,9 @@ from formats.writers import (
     npz,
     same_mesh,
 )
+from rhytid.domain.warnings import ARRAYS_UNUSED
 from rhytid.errors import FrameError, LimitError, MeshError, RhytidError
-from rhytid.formats.npz import read_npz
+from rhytid.formats.npz import read_npz, unread_arrays
 
 ARRAYS: dict[str, Any] = {
     "positions": SQUARE,
@@ -49,6 +50,17 @@ def test_a_mesh_without_frames() -> None:
     mesh, frames = read_npz(npz(**ARRAYS))
     same_mesh(mesh, *SQUARE_ARRAYS)
     assert frames is None
+
+
+def test_arrays_that_nothing_reads_are_named_with_what_they_may_mean() -> None:
+    every = {"frames": FRAMES, "shapes": FRAMES, "names": np.array(["a", "b", "c"])}
+    assert unread_arrays(changed(**every)) == ()
+    (warning,) = unread_arrays(changed(Shape=FRAMES, fps=np.float32(30)))
+    assert warning.code == ARRAYS_UNUSED
+    assert warning.detail.startswith("not read: 'Shape' (did you mean shapes?), 'fps'; arrays of a")
+    (warning,) = unread_arrays(changed(**{f"v{i:02}": SQUARE for i in range(11)}))
+    assert "'v07' and 3 more; " in warning.detail
+    assert "v08" not in warning.detail
 
 
 def test_an_animation_with_frames_and_neutral_in_place_of_positions() -> None:

@@ -27,6 +27,7 @@ NUMBERS = {
     limits.TEXEL_SIZE: (f"more than {limits.TEXEL_RATIO:g} times",),
     limits.SETTINGS_CHANGED: (),
     limits.SETTINGS_UNUSED: (),
+    limits.ARRAYS_UNUSED: (),
     limits.DEVICES_MIXED: (),
     limits.SCAN_DEPTH: (
         f"{limits.SHALLOWEST:g} to {limits.DEEPEST:g} mm deep",

@@ -103,7 +103,11 @@ def frame(number: int = 5, kind: int = 1, count: int = 25, nbytes: int = 300) ->
         (frame(kind=3), 4400, "kind 3"),
         (frame(count=24), 4400, "24 vertices: must be 25"),
         (frame(nbytes=299), 4400, "299 bytes"),
-        (frame(kind=2, count=2, nbytes=8), 4400, "2 weights: must be 3, or name yours as shapes in the header"),
+        (
+            frame(kind=2, count=2, nbytes=8),
+            4400,
+            "2 weights: must be 3, or name yours as shapes in the header",
+        ),
         (frame(number=4), 4409, "frame 4 came after frame 4"),
         (frame(number=3), 4409, "numbers must grow"),
         ('{"message": "view"}', 4400, "view: "),

@@ -72,7 +72,7 @@ class BakeInputs:
         given = {} if skin is None else dict(skin.settings)
         AssetSettings.parse(given)
         mesh = mesh_file(request.mesh, request.clip)
-        warnings.notes(mesh.notes)
+        warnings.file(mesh)
         frames, part = FrameFiles(mesh, _files(request), request.clip), request.part
         places = frames.places if part is None else part.select(frames.places)
         check_sources(places)

@@ -23,6 +23,7 @@ from rhytid.domain.warnings import (
 )
 from rhytid.domain.wording import plural
 from rhytid.errors import StrictError
+from rhytid.formats.meshes import MeshFile
 from rhytid.support.console import counted, note, print_above
 
 # Lines printed per code: for a long shot in the wrong unit three frames are enough.
@@ -102,10 +103,11 @@ class RunWarnings:
             self.notices.append(notice)
             self.note(str(notice))
 
-    def notes(self, lines: Iterable[str]) -> None:
-        """Print notes of a file."""
-        for line in lines:
+    def file(self, read: MeshFile) -> None:
+        """Print notes of a mesh file, and warn of what in it is not read."""
+        for line in read.notes:
             self.note(line)
+        self.add(read.unused)
 
     def lengths(self, settings: AssetSettings, spacing: float) -> None:
         """Print the lengths that follow from a number of wrinkles, if the settings give one.

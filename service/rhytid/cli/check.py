@@ -85,7 +85,7 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
         make_place(picture)
     AssetSettings.parse({"resolution": arguments.resolution})
     read = mesh_file(arguments.mesh, cache_clip(arguments))
-    warnings.notes(read.notes)
+    warnings.file(read)
     unit = length_unit(arguments, read)
     with working("checking the mesh"):
         check = MeshCheck.of(read, unit, arguments.resolution)

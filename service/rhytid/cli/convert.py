@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> None:
     clip = cache_clip(arguments)
     read = mesh_file(arguments.mesh, clip)
     with RunWarnings("convert", False) as warnings:
-        warnings.notes(read.notes)
+        warnings.file(read)
     moves = arguments.frames or read.frames is not None or read.animation is not None
     files = FrameFiles(read, arguments.frames, clip) if moves else None
     places = files.places if files else []

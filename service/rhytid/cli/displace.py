@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> None:
     mesh, unit = read.mesh, length_unit(arguments, read)
     levels = arguments.subdivide if arguments.edge is None else levels_for(mesh, arguments.edge)
     with RunWarnings("displace", arguments.strict, arguments.allow) as warnings:
-        warnings.notes(read.notes)
+        warnings.file(read)
         geometry = Geometry(mesh, format, levels)
         scan = checked_scan(arguments, arguments.maps, mesh, unit, warnings).scan
         warnings.refuse()

@@ -163,7 +163,7 @@ class _NewSkin:
         given, scanned = scanned_skin(skin, mesh, given, warnings)
         settings, name = AssetSettings.parse(given), arguments.mesh.name
         check_settings(settings)
-        warnings.notes(mesh.notes)
+        warnings.file(mesh)
         warnings.inputs(mesh.mesh, name, settings.length_unit, settings.resolution)
         new = new_asset(skin, mesh, settings.named_after(name), clip, warnings)
         shapes = mesh.shapes if arguments.shapes is None else new.shapes

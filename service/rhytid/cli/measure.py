@@ -122,7 +122,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     with RunWarnings("measure", arguments.strict, arguments.allow) as warnings:
         read = mesh_file(arguments.mesh, cache_clip(arguments))
-        warnings.notes(read.notes)
+        warnings.file(read)
         unit = unit_of(arguments, read)
         places = places_of(arguments, read, unit)
         with heights_of(arguments, read, unit, warnings) as heights, share_bar("measure") as show:

@@ -97,7 +97,7 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     mesh, unit = read.mesh, length_unit(arguments, read)
     arguments.unit = arguments.unit or read.unit
     settings = grown_settings(skin_settings(arguments, given))
-    warnings.notes(read.notes)
+    warnings.file(read)
     warnings.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
     check_outputs(arguments, mesh)
     make_place(arguments.out)

@@ -130,7 +130,7 @@ def _read(arguments: argparse.Namespace, warnings: RunWarnings) -> _Scan:
     AssetSettings.parse({**given, "resolution": asked or _USUAL})
     read = mesh_file(arguments.mesh, prim_clip(arguments.prim))
     mesh, unit = read.mesh, length_unit(arguments, read)
-    warnings.notes(read.notes)
+    warnings.file(read)
     check = checked_scan(arguments, arguments.maps, mesh, unit, warnings)
     given |= {"unit": unit, "resolution": asked or check.resolution()}
     settings = AssetSettings.parse(given)

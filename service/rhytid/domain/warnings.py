@@ -22,6 +22,7 @@ FRAME_SCALED = "frame-scaled"
 CALIBRATION_STILL = "calibration-still"
 SETTINGS_CHANGED = "settings-changed"
 SETTINGS_UNUSED = "settings-unused"
+ARRAYS_UNUSED = "arrays-unused"
 DEVICES_MIXED = "devices-mixed"
 SCAN_DEPTH = "scan-depth"
 SCAN_BITS = "scan-bits"
@@ -44,6 +45,7 @@ CODES = (
     CALIBRATION_STILL,
     SETTINGS_CHANGED,
     SETTINGS_UNUSED,
+    ARRAYS_UNUSED,
     DEVICES_MIXED,
     SCAN_DEPTH,
     SCAN_BITS,
@@ -264,6 +266,14 @@ WARNINGS: dict[str, Meaning] = {
             "`graph.spacing` and `graph.seed` are used all the same"
         ),
         "leave them out, or leave the graph out",
+    ),
+    ARRAYS_UNUSED: Meaning(
+        "an npz that is sent as a mesh",
+        "it has arrays of names that are not read",
+        (
+            "call them as the text has it, `frames` or `shapes` with `names`; what is of another "
+            "program may stay"
+        ),
     ),
     DEVICES_MIXED: Meaning(
         "a bake",

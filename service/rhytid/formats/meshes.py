@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.warnings import InputWarning
 from rhytid.errors import MeshError
 from rhytid.formats.frame_set import FrameSet
 from rhytid.formats.gltf import read_glb_shapes, read_gltf_shapes
-from rhytid.formats.npz import read_npz, read_npz_shapes
+from rhytid.formats.npz import read_npz, read_npz_shapes, unread_arrays
 from rhytid.formats.obj import read_obj
 from rhytid.formats.ply import read_ply
 
@@ -26,6 +27,7 @@ class MeshFile:
     mesh: the neutral mesh.  frames: (N, V, 3) of a .npz that has them.  shapes: of a .npz, or the
     morph targets of a glTF.  animation: returns the frames of a geometry cache, which are read one
     by one.  unit: of length, where the file names one.  notes: remarks on the file for the user.
+    unused: warnings of what in it is not read.
     """
 
     mesh: Mesh
@@ -34,6 +36,7 @@ class MeshFile:
     animation: Callable[[], FrameSet] | None = None
     unit: str | None = None
     notes: tuple[str, ...] = ()
+    unused: tuple[InputWarning, ...] = ()
 
     @property
     def frame_set(self) -> FrameSet | None:
@@ -74,7 +77,8 @@ def read_mesh(data: bytes, name: str) -> MeshFile:
     extension = PurePath(name).suffix.lower()
     if extension == ".npz":
         mesh, frames = read_npz(data)
-        return MeshFile(mesh, frames, read_npz_shapes(data, len(mesh.positions), mesh.centre))
+        shapes = read_npz_shapes(data, len(mesh.positions), mesh.centre)
+        return MeshFile(mesh, frames, shapes, unused=unread_arrays(data))
     if extension in _WITH_SHAPES:
         mesh, shapes = _WITH_SHAPES[extension](data)
         return MeshFile(mesh, shapes=shapes)

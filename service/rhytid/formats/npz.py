@@ -17,8 +17,9 @@ import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import IO, Any
 
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.frame import counted_frame
 from rhytid.domain.mesh import ORIGIN, Centre, Mesh, add_centre, subtract_centre
+from rhytid.domain.warnings import ARRAYS_UNUSED, InputWarning
 from rhytid.errors import FrameError, InputError, MeshError
 from rhytid.formats.limits import MAX_FRAME_NUMBERS, MAX_NUMBERS, check_size
 
@@ -36,6 +38,8 @@ _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _PIECE = 1 << 20
 _OF_MESH = ("positions", "neutral", "faces", "uv", "face_uv")
 _MEMBERS = (*_OF_MESH, "frames", "shapes", "names")
+# Members that are not read and told by name.
+_TOLD = 8
 # The errors of zipfile for damaged, encrypted and unknown archives.
 _DAMAGE = (
     *(zipfile.BadZipFile, zlib.error, struct.error),
@@ -72,8 +76,8 @@ def read_npz(data: bytes) -> tuple[Mesh, NDArray[np.float32] | None]:
     """The mesh of a .npz file and its frames (N, V, 3) or None.
 
     Members: positions (V, 3), or `neutral` in its place, faces (F, 3), uv (T, 2), face_uv (F, 3)
-    and optionally frames (N, V, 3). Others are passed over. Raises MeshError, FrameError (the
-    contents of the frames) or LimitError.
+    and optionally frames (N, V, 3). Others are passed over: `unread_arrays`. Raises MeshError,
+    FrameError (the contents of the frames) or LimitError.
     """
     archive = Archive(data, MeshError)
     if "positions" in archive and "neutral" in archive:
@@ -82,6 +86,24 @@ def read_npz(data: bytes) -> tuple[Mesh, NDArray[np.float32] | None]:
     mesh = Mesh.centred(*(archive.read(member) for member in (name, "faces", "uv", "face_uv")))
     has_frames = "frames" in archive
     return mesh, _frames(archive, len(mesh.positions), mesh.centre) if has_frames else None
+
+
+def unread_arrays(data: bytes) -> tuple[InputWarning, ...]:
+    """A warning of the members of a .npz file with a mesh that nothing reads, if there are any,
+    with the names that they may have been meant to have."""
+    archive = Archive(data, MeshError)
+    strange = [name for name in archive if name not in _MEMBERS]
+    if not strange:
+        return ()
+    told = [f"{name!r:.40}{_meant(name)}" for name in strange[:_TOLD]]
+    more = f" and {len(strange) - _TOLD} more" if len(strange) > _TOLD else ""
+    detail = f"not read: {', '.join(told)}{more}; arrays of a mesh are {', '.join(_MEMBERS)}"
+    return (InputWarning(ARRAYS_UNUSED, detail, "the mesh file"),)
+
+
+def _meant(name: str) -> str:
+    near = get_close_matches(name.lower(), _MEMBERS, n=1)
+    return f" (did you mean {near[0]}?)" if near else ""
 
 
 def read_npz_frames(data: bytes, vertices: int, centre: Centre = ORIGIN) -> NDArray[np.float32]:
@@ -206,6 +228,9 @@ class Archive:
 
     def __contains__(self, name: str) -> bool:
         return name in self._members
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._members)
 
     def read(self, name: str, limit: int = MAX_NUMBERS, *, names: bool = False) -> NDArray[Any]:
         """One array of integers or real numbers, or of text where `names` are read."""

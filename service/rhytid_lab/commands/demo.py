@@ -100,7 +100,7 @@ def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
     clip = cache_clip(arguments)
     face = animation(arguments.mesh, arguments.frames, arguments.shapes, clip)
     arguments.unit = arguments.unit or face.unit
-    warned.notes(face.notes)
+    warned.file(face.file)
     name = arguments.mesh.name if arguments.mesh else "face.npz"
     warned.inputs(face.mesh, name, arguments.unit or USUAL_UNIT, arguments.resolution, face.frames)
     maps = _painted_maps(arguments, face.mesh)

@@ -26,13 +26,14 @@ FRAMES = 4 * len(KEYS) + 1
 
 @dataclass(frozen=True, eq=False)
 class Animation:
-    """A neutral mesh, the frames that deform it, and expressions that its lines grow by."""
+    """A neutral mesh, the frames that deform it, and expressions that its lines grow by.  file: of
+    the mesh, as it was read."""
 
     mesh: Mesh
     frames: FrameFiles
     expressions: Expressions | None
-    unit: str | None = None
-    notes: tuple[str, ...] = ()
+    unit: str | None
+    file: MeshFile
 
     @property
     def shapes(self) -> dict[str, NDArray[np.float32]] | None:
@@ -67,4 +68,4 @@ def animation(
     else:
         found = mesh_file(mesh, clip)
     files, expressions = FrameFiles(found, frames, clip), shape_files(shapes, found, clip)
-    return Animation(found.mesh, files, expressions, found.unit, found.notes)
+    return Animation(found.mesh, files, expressions, found.unit, found)

@@ -33,7 +33,7 @@ class CheckedUpload:
 
     new: the upload, with settings for its graph or for synthesis.  expressions: those that lines
     grow by.  wrinkles: how many it will have.  frames: (V, 3) float32 each.  warnings: of the mesh.
-    unused: warnings of settings without effect.
+    unused: warnings of what was sent and has no effect.
     """
 
     id: str
@@ -73,7 +73,7 @@ class CheckedUpload:
                 *mesh_warnings(new.mesh, settings.length_unit, settings.resolution, udims),
                 *new.noted,
             ),
-            unused=() if _grows(new) else settings_unused(settings),
+            unused=new.unused if _grows(new) else (*new.unused, *settings_unused(settings)),
         )
 
     @property

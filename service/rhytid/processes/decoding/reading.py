@@ -76,6 +76,7 @@ def read_asset(
         controls=read_controls(images, mesh_udims(read.mesh)),
         force=force,
         shapes=_shapes(parts["shapes"], read.mesh) if "shapes" in parts else read.expressions,
+        unused=read.unused,
     )
     if "scan" in parts:
         return _scanned(new, parts, scan)
