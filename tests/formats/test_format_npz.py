@@ -52,15 +52,22 @@ def test_a_mesh_without_frames() -> None:
     assert frames is None
 
 
-def test_arrays_that_nothing_reads_are_named_with_what_they_may_mean() -> None:
+def test_arrays_whose_names_are_slips_are_warned_of_and_others_are_noted() -> None:
     every = {"frames": FRAMES, "shapes": FRAMES, "names": np.array(["a", "b", "c"])}
-    assert unread_arrays(changed(**every)) == ()
-    (warning,) = unread_arrays(changed(Shape=FRAMES, fps=np.float32(30)))
+    assert unread_arrays(changed(**every)) == ((), ())
+    (warning,), (note,) = unread_arrays(changed(Shape=FRAMES, fps=np.float32(30)))
     assert warning.code == ARRAYS_UNUSED
-    assert warning.detail.startswith("not read: 'Shape' (did you mean shapes?), 'fps'; arrays of a")
-    (warning,) = unread_arrays(changed(**{f"v{i:02}": SQUARE for i in range(11)}))
-    assert "'v07' and 3 more; " in warning.detail
-    assert "v08" not in warning.detail
+    assert warning.detail.startswith("not read: 'Shape' (did you mean shapes?); arrays of a mesh")
+    assert note == "arrays of the mesh file that are not read: 'fps'"
+    (), (note,) = unread_arrays(changed(**{f"v{i:02}": SQUARE for i in range(11)}))
+    assert note.endswith("'v07' and 3 more")
+
+
+def test_names_of_other_programs_are_no_slips() -> None:
+    theirs = "quads", "quads_uv", "expr_names", "expr_deltas", "units", "landmarks", "weights"
+    warnings, (note,) = unread_arrays(changed(**dict.fromkeys(theirs, SQUARE)))
+    assert warnings == ()
+    assert all(f"'{name}'" in note for name in theirs)
 
 
 def test_an_animation_with_frames_and_neutral_in_place_of_positions() -> None:

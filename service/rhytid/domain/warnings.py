@@ -269,11 +269,8 @@ WARNINGS: dict[str, Meaning] = {
     ),
     ARRAYS_UNUSED: Meaning(
         "an npz that is sent as a mesh",
-        "it has arrays of names that are not read",
-        (
-            "call them as the text has it, `frames` or `shapes` with `names`; what is of another "
-            "program may stay"
-        ),
+        "it has arrays that are not read, whose names are nearly those that are",
+        "call them as the text has it, `frames` or `shapes` with `names`",
     ),
     DEVICES_MIXED: Meaning(
         "a bake",

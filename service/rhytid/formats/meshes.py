@@ -27,7 +27,7 @@ class MeshFile:
     mesh: the neutral mesh.  frames: (N, V, 3) of a .npz that has them.  shapes: of a .npz, or the
     morph targets of a glTF.  animation: returns the frames of a geometry cache, which are read one
     by one.  unit: of length, where the file names one.  notes: remarks on the file for the user.
-    unused: warnings of what in it is not read.
+    unused: warnings of what in it is not read and may be meant to be.
     """
 
     mesh: Mesh
@@ -78,7 +78,8 @@ def read_mesh(data: bytes, name: str) -> MeshFile:
     if extension == ".npz":
         mesh, frames = read_npz(data)
         shapes = read_npz_shapes(data, len(mesh.positions), mesh.centre)
-        return MeshFile(mesh, frames, shapes, unused=unread_arrays(data))
+        unused, notes = unread_arrays(data)
+        return MeshFile(mesh, frames, shapes, notes=notes, unused=unused)
     if extension in _WITH_SHAPES:
         mesh, shapes = _WITH_SHAPES[extension](data)
         return MeshFile(mesh, shapes=shapes)

@@ -38,8 +38,8 @@ _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _PIECE = 1 << 20
 _OF_MESH = ("positions", "neutral", "faces", "uv", "face_uv")
 _MEMBERS = (*_OF_MESH, "frames", "shapes", "names")
-# Members that are not read and told by name.
-_TOLD = 8
+# Members that are not read and told by name; and how alike names are, of 1, where one is a slip.
+_TOLD, _NEAR = 8, 0.75
 # The errors of zipfile for damaged, encrypted and unknown archives.
 _DAMAGE = (
     *(zipfile.BadZipFile, zlib.error, struct.error),
@@ -88,22 +88,22 @@ def read_npz(data: bytes) -> tuple[Mesh, NDArray[np.float32] | None]:
     return mesh, _frames(archive, len(mesh.positions), mesh.centre) if has_frames else None
 
 
-def unread_arrays(data: bytes) -> tuple[InputWarning, ...]:
-    """A warning of the members of a .npz file with a mesh that nothing reads, if there are any,
-    with the names that they may have been meant to have."""
-    archive = Archive(data, MeshError)
-    strange = [name for name in archive if name not in _MEMBERS]
-    if not strange:
-        return ()
-    told = [f"{name!r:.40}{_meant(name)}" for name in strange[:_TOLD]]
-    more = f" and {len(strange) - _TOLD} more" if len(strange) > _TOLD else ""
-    detail = f"not read: {', '.join(told)}{more}; arrays of a mesh are {', '.join(_MEMBERS)}"
-    return (InputWarning(ARRAYS_UNUSED, detail, "the mesh file"),)
+def unread_arrays(data: bytes) -> tuple[tuple[InputWarning, ...], tuple[str, ...]]:
+    """What to tell of the members of a .npz file with a mesh that nothing reads: a warning of those
+    whose name is nearly that of a member that is read, and a note of the others."""
+    strange = [name for name in Archive(data, MeshError) if name not in _MEMBERS]
+    meant = {name: get_close_matches(name.lower(), _MEMBERS, 1, _NEAR) for name in strange}
+    slips = [f"{name!r:.40} (did you mean {near[0]}?)" for name, near in meant.items() if near]
+    others = [f"{name!r:.40}" for name, near in meant.items() if not near]
+    detail = f"not read: {_told(slips)}; arrays of a mesh are {', '.join(_MEMBERS)}"
+    warning = InputWarning(ARRAYS_UNUSED, detail, "the mesh file")
+    note = f"arrays of the mesh file that are not read: {_told(others)}"
+    return (warning,) if slips else (), (note,) if others else ()
 
 
-def _meant(name: str) -> str:
-    near = get_close_matches(name.lower(), _MEMBERS, n=1)
-    return f" (did you mean {near[0]}?)" if near else ""
+def _told(names: list[str]) -> str:
+    more = f" and {len(names) - _TOLD} more" if len(names) > _TOLD else ""
+    return ", ".join(names[:_TOLD]) + more
 
 
 def read_npz_frames(data: bytes, vertices: int, centre: Centre = ORIGIN) -> NDArray[np.float32]:
