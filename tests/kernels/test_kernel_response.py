@@ -135,3 +135,89 @@ def test_ends_go_to_the_mean_with_their_partners_and_none_has_nothing(device, co
     np.testing.assert_allclose(found[:count], wanted, atol=1e-6)
     np.testing.assert_array_equal(found[:count][partners < 0], np.repeat(own, 2, 1)[partners < 0])
     np.testing.assert_array_equal(found[count:], [[0.0, 0.0], [7.0, 7.0]])
+
+
+# Numbers of elements around those of a group.
+COUNTS = [1, 15, 16, 17, 48]
+
+
+def elements(count, seed=5):
+    """sampled(…) of 7 triangles, with a matrix each; and of elements: which they sample, where they
+    run, how stiff they are."""
+    found = sampled(seed, count=7)
+    rng = np.random.default_rng(count)
+    segments = rng.uniform(-3, 3, (count, 4)).astype(np.float32)
+    return {
+        **found,
+        "triangle": rng.integers(0, 7, count).astype(np.int32),
+        "segments": segments,
+        "stiffness": rng.uniform(0, 2, count).astype(np.float32),
+        "jacobians": (np.eye(2).ravel() + rng.uniform(-0.4, 0.4, (7, 4))).astype(np.float32),
+    }
+
+
+def of_triangles(inputs, on_surface):
+    """θ of the elements, and axes and logs of what they sample."""
+    triangle = inputs["triangle"]
+    theta, axes = inputs["segments"][:, 2:], inputs["axes"].reshape(-1, 2, 2)[triangle]
+    theta = theta / np.linalg.norm(theta, axis=1, keepdims=True)
+    if on_surface:
+        jacobians = inputs["jacobians"].reshape(-1, 2, 2)[triangle]
+        theta = reference.on_surface(jacobians, theta)
+        axes = reference.on_surface(jacobians[:, None], axes)
+    return theta, axes, inputs["logs"][triangle]
+
+
+@pytest.mark.parametrize("count", COUNTS)
+@pytest.mark.parametrize(("stiff", "surface"), [(False, False), (True, False), (False, True)])
+def test_every_wrinkle_of_a_group_answers_to_its_own_triangle(device, count, stiff, surface):
+    inputs = elements(count)
+    theta, axes, logs = of_triangles(inputs, surface)
+    wanted = reference.wrinkle_stretch(logs, axes, theta)
+    arguments = [
+        None, inputs["segments"], inputs["triangle"], inputs["axes"], inputs["logs"],
+        inputs["jacobians"] if surface else None, inputs["stiffness"] if stiff else None,
+        np.int32(count), np.float32(1.0), np.float32(2.0),
+    ]  # fmt: skip
+    out, size = np.full(count + 3, 7.0, np.float32), (count // VECTOR + 2,)
+    text, options = rhytid_kernels.source("respond"), [*OPTIONS, "-DBENT=1"]
+    found = run(device, text, "respond_wrinkles", size, arguments, out, options)
+    wanted = wanted * (inputs["stiffness"] if stiff else 1.0)
+    np.testing.assert_allclose(found[:count], wanted, atol=1e-4 if surface else 2e-5, rtol=0)
+    np.testing.assert_array_equal(found[count:], 7.0)
+
+
+@pytest.mark.parametrize("count", COUNTS)
+@pytest.mark.parametrize(("stiff", "limit"), [(False, 4.0), (True, 1.25)])
+def test_every_pore_of_a_group_has_its_own_scales(device, count, stiff, limit):
+    inputs = elements(count)
+    r = reference.pore_stretch(inputs["logs"][inputs["triangle"]])
+    r = r * (inputs["stiffness"] if stiff else 1.0)
+    width, depth = reference.scales(r, 1.0, 3.0)
+    arguments = [
+        None, inputs["triangle"], inputs["logs"], inputs["stiffness"] if stiff else None,
+        np.int32(count), np.float32(1.0), np.float32(3.0), np.float32(limit),
+    ]  # fmt: skip
+    out, size = np.full((count + 3, 2), 7.0, np.float32), (count // VECTOR + 2,)
+    text = rhytid_kernels.source("respond")
+    found = run(device, text, "respond_pores", size, arguments, out, OPTIONS)
+    wanted = np.stack([width, np.minimum(depth, limit)], axis=1)
+    np.testing.assert_allclose(found[:count], wanted, rtol=1e-5)
+    np.testing.assert_array_equal(found[count:], 7.0)
+
+
+def test_some_groups_alone_respond_where_they_are_named(device):
+    inputs, count = elements(48), 48
+    arguments = [
+        np.array([2, 0], np.int32), inputs["triangle"], inputs["logs"], None,
+        np.int32(count), np.float32(1.0), np.float32(3.0), np.float32(4.0),
+    ]  # fmt: skip
+    out = np.full((count, 2), 7.0, np.float32)
+    found = run(
+        device, rhytid_kernels.source("respond"), "respond_pores", (2,), arguments, out, OPTIONS
+    )
+    np.testing.assert_array_equal(found[16:32], 7.0)
+    r = reference.pore_stretch(inputs["logs"][inputs["triangle"]])
+    wanted = np.stack(reference.scales(r, 1.0, 3.0), axis=1)
+    others = np.r_[0:16, 32:48]
+    np.testing.assert_allclose(found[others], wanted[others], rtol=1e-5)

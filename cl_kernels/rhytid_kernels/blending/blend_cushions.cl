@@ -47,12 +47,12 @@ inline float16 owner_stretch(__global const int *owners, __global const CODE *pl
 }
 
 // owners: row by row, as clear_samples leaves them. codes: of each vector those of SAMPLES maps, then
-// places. steps: displacement of a code of each sample. last: log stretch of the last sample. depth:
-// exponent and limit of the depth scale. out: displacement, mesh units, row by row; within 1e-6 of the
-// largest step times code of the same in double.
+// places. steps: displacement of a code of each sample. last: log stretch of the last sample. exponent: of
+// the depth scale. out: displacement, mesh units, row by row; within 1e-6 of the largest step times code of
+// the same in double.
 inline void blend_samples(__global const int *owners, __global const CODE *codes,
                           __global const float2 *stretches, __global const float *steps, float last,
-                          float2 depth, __global float *out)
+                          float exponent, __global float *out)
 {
     int i = get_global_id(0);
     if (owners[i * WIDTH] < 0) { // clear
@@ -69,7 +69,7 @@ inline void blend_samples(__global const int *owners, __global const CODE *codes
     int2 around = samples_around(position);
     for (int m = around.x; m <= around.y; m++)
         sum += FLOATS_OF(codes + m * WIDTH) * (max(1.0f - fabs(position - m), (float16)(0.0f)) * steps[m]);
-    vstore16(SCALE(power16, r, -depth.x, depth.y) * sum, i, out);
+    vstore16(SCALE(power16, r, -exponent, SCALE_LIMIT) * sum, i, out);
 }
 
 // Up to four tiles of as many samples at once: work-item (vector, tile).
@@ -77,13 +77,13 @@ inline void blend_samples(__global const int *owners, __global const CODE *codes
     __global const int *owners##k, __global const CODE *codes##k, __global float *out##k
 #define BLEND(k)                                                                                   \
     case k:                                                                                        \
-        blend_samples(owners##k, codes##k, stretches, steps, last, depth, out##k);                 \
+        blend_samples(owners##k, codes##k, stretches, steps, last, exponent, out##k);                 \
         break;
 
 // With the hint as in blend.cl.
 __kernel __attribute__((vec_type_hint(float16))) void
 blend_cushions(TILE(0), TILE(1), TILE(2), TILE(3), __global const float2 *stretches,
-               __global const float *steps, float last, float2 depth)
+               __global const float *steps, float last, float exponent)
 {
     switch (get_global_id(1)) {
         BLEND(0)

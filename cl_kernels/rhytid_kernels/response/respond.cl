@@ -1,20 +1,30 @@
 // Width and depth scales of every wrinkle and pore of a frame (Alg. 1 and 2). A work-item takes LANES
-// of them: stretch is gathered one by one, what follows is vectors.
-#include "groups.clh"
+// of them.
+#include "lanes.clh"
 #include "response.clh"
 #define LEAST_SQUARE 1e-30f // below that of any wrinkle: one of no length runs nowhere
 
 POWER_OF_TWO(power16, float16, int16)
 
-// (sigma_w, sigma_d) of elements `first` and following.
-inline void store_scales(float16 r, float width_exponent, float depth_exponent, float depth_limit,
-                         int first, int count, __global float2 *scales)
+// Of a lane of a group: where its element runs, and what it samples; both on the surface.
+#define SEGMENT(lane) segments[AT(lane)]
+#define AXES(lane) axes[triangle[AT(lane)]]
+#define LOGS(lane) logs[triangle[AT(lane)]]
+#define STIFFNESS(lane) stiffness[AT(lane)]
+#define ON_SURFACE(lane) angles_in(triangle[AT(lane)], SEGMENT(lane).zw, axes, jacobians)
+#define THETA_ON_SURFACE(lane) ON_SURFACE(lane).theta
+#define AXES_ON_SURFACE(lane) ON_SURFACE(lane).axes
+
+// Stores (sigma_w, sigma_d) of a group. Forced into its caller: PoCL calls it else, and finds the log of the
+// limit anew for each group.
+inline __attribute__((always_inline)) void store_scales(float16 r, float width_exponent,
+                                                        float depth_exponent, float depth_limit,
+                                                        int last, __global float2 *scales)
 {
-    float width[LANES], depth[LANES];
-    vstore16(SCALE(power16, r, width_exponent, SCALE_LIMIT), 0, width);
-    vstore16(SCALE(power16, r, -depth_exponent, depth_limit), 0, depth);
-    for (int lane = 0; lane < min(LANES, count - first); lane++)
-        scales[first + lane] = (float2)(width[lane], depth[lane]);
+    const float log_of_limit = LOG2_OF(depth_limit);
+    store_pairs(SCALE(power16, r, width_exponent, SCALE_LIMIT),
+                SCALE_BELOW(power16, r, -depth_exponent, depth_limit, log_of_limit), last,
+                (__global float *)scales);
 }
 
 // groups: as in first_in_group. triangle: what the centre of each wrinkle samples. jacobians: NULL for
@@ -25,27 +35,35 @@ __kernel void respond_wrinkles(__global const int *groups, __global const float4
                                __global const float *stiffness, int count, float width_exponent,
                                float depth_exponent, __global RESPONSE *found)
 {
-    int first = first_in_group(groups);
-    float square[LANES], along1[LANES], along2[LANES], first_log[LANES], second_log[LANES];
-    for (int lane = 0; lane < LANES; lane++) {
-        int i = min(first + lane, count - 1), t = triangle[i];
-        angles_t a = angles_in(t, segments[i].zw, axes, jacobians);
-        square[lane] = dot(a.theta, a.theta) + LEAST_SQUARE;
-        along1[lane] = dot(a.theta, a.axes.xy);
-        along2[lane] = dot(a.theta, a.axes.zw);
-        first_log[lane] = stiffened(logs[t].x, stiffness, i);
-        second_log[lane] = stiffened(logs[t].y, stiffness, i);
+    const int first = first_in_group(groups), last = count - 1 - first;
+    if (last < 0)
+        return;
+    segments += first;
+    triangle += first;
+    const quads_t segment = QUADS(SEGMENT);
+    pairs_t theta = {segment.z, segment.w}, of = PAIRS(LOGS);
+    quads_t axis = QUADS(AXES);
+    if (jacobians) {
+        theta = PAIRS(THETA_ON_SURFACE);
+        axis = QUADS(AXES_ON_SURFACE);
     }
-    float16 per_length = 1.0f / sqrt(vload16(0, square));
-    float16 cosine1 = vload16(0, along1) * per_length, cosine2 = vload16(0, along2) * per_length;
-    float16 r = ACROSS(cosine1, cosine2, vload16(0, first_log), vload16(0, second_log));
+    if (stiffness) {
+        stiffness += first;
+        const float16 stiff = SINGLES(STIFFNESS);
+        of.x *= stiff;
+        of.y *= stiff;
+    }
+    // As dot() has it, whose products are no fused ones.
+    const float16 xx = theta.x * theta.x, yy = theta.y * theta.y;
+    const float16 x1 = theta.x * axis.x, y1 = theta.y * axis.y;
+    const float16 x2 = theta.x * axis.z, y2 = theta.y * axis.w;
+    const float16 square = xx + yy, per_length = 1.0f / sqrt(square + LEAST_SQUARE);
+    const float16 cosine1 = (x1 + y1) * per_length, cosine2 = (x2 + y2) * per_length;
+    const float16 r = ACROSS(cosine1, cosine2, of.x, of.y);
 #if BENT
-    float of_lane[LANES];
-    vstore16(r, 0, of_lane);
-    for (int lane = 0; lane < min(LANES, count - first); lane++)
-        found[first + lane] = of_lane[lane];
+    store_lanes(&r, 1, last, found + first);
 #else
-    store_scales(r, width_exponent, depth_exponent, SCALE_LIMIT, first, count, found);
+    store_scales(r, width_exponent, depth_exponent, SCALE_LIMIT, last, found + first);
 #endif
 }
 
@@ -55,11 +73,15 @@ __kernel void respond_pores(__global const int *groups, __global const int *tria
                             float width_exponent, float depth_exponent, float depth_limit,
                             __global float2 *scales)
 {
-    int first = first_in_group(groups);
-    float r[LANES];
-    for (int lane = 0; lane < LANES; lane++) {
-        int i = min(first + lane, count - 1);
-        r[lane] = stiffened(mean_log_stretch(logs[triangle[i]]), stiffness, i);
+    const int first = first_in_group(groups), last = count - 1 - first;
+    if (last < 0)
+        return;
+    triangle += first;
+    const pairs_t of = PAIRS(LOGS);
+    float16 r = 0.5f * (of.x + of.y);
+    if (stiffness) {
+        stiffness += first;
+        r *= SINGLES(STIFFNESS);
     }
-    store_scales(vload16(0, r), width_exponent, depth_exponent, depth_limit, first, count, scales);
+    store_scales(r, width_exponent, depth_exponent, depth_limit, last, scales + first);
 }

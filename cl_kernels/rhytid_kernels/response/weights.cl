@@ -80,7 +80,8 @@ inline standing_t standing(int n, triangles_t p, int first, int last,
 {
     float16 r = n < ORIENTED ? log_stretches_in(p, first, last, directions[n], jacobians)
                              : 0.5f * (p.log1 + p.log2);
-    float2 depth_of = n < LAYERS - 1 ? exponents.xz : exponents.yw;
+    const float2 depth_of = n < LAYERS - 1 ? exponents.xz : exponents.yw;
+    const float log_of_limit = LOG2_OF(depth_of.y);
     standing_t found;
     vstore16((clamp(r / r_max, -1.0f, 1.0f) + 1.0f) * (0.5f * (SAMPLES_OF(n) - 1)), 0, found.place);
     float16 depth, rise = 0.0f;
@@ -97,7 +98,7 @@ inline standing_t standing(int n, triangles_t p, int first, int last,
         rise = clamp(rise, -most, most) / CODE_LIMIT;
     } else
 #endif
-        depth = SCALE(power16, r, -depth_of.x, depth_of.y);
+        depth = SCALE_BELOW(power16, r, -depth_of.x, depth_of.y, log_of_limit);
     vstore16(depth, 0, found.depth);
     vstore16(rise, 0, found.rise);
     return found;

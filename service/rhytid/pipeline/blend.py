@@ -308,7 +308,7 @@ class CushionBlend:
         self._device = device
         self._steps = device.upload(cushion_steps(settings, shares))
         self._last = np.float32(last_stretch(settings))
-        self._depth = np.array([response.alpha_d, SCALE_LIMIT], np.float32)
+        self._exponent = np.float32(response.alpha_d)
         self._defines: dict[str, object] = {
             **response_defines(response.soft_limits),
             "SAMPLES": SAMPLES,
@@ -330,7 +330,7 @@ class CushionBlend:
         of_each += [of_each[0]] * (TILES_A_LAUNCH - len(tiles))  # which no work-item looks at
         self._device.launch(
             "blend_cushions", "blend_cushions", (vectors, len(tiles)),
-            *chain.from_iterable(of_each), lines, self._steps, self._last, self._depth,
+            *chain.from_iterable(of_each), lines, self._steps, self._last, self._exponent,
             group=_group(self._device.shape.vectors, vectors),
             defines=self._defines,
         )  # fmt: skip
