@@ -1,6 +1,5 @@
 // Which wrinkles continue one another: at each pore, pairs of strong ones that turn little, the best
-// pair first. Both take one tangent there, so that they are one line. A work-item per pore,
-// from number `from` on.
+// pair first. Both take one tangent there, so that they are one line. A work-item per pore.
 
 #define NOTHING -1 // no wrinkle goes on, but others meet here
 #define ALONE -2   // the wrinkle is the only one here
@@ -18,7 +17,7 @@ inline int end_at(int i, int pair, __global const int *nodes)
 // least_cosine: of what continues one another, 1 where it goes straight on. steepest: of slopes.
 // partner: of each end the end that continues it, or NOTHING, or ALONE. slope: of each end dy/dx of
 // the common tangent against `out`, in UV.
-__kernel void pair_lines(int first, int count, int from, __global const int *offsets,
+__kernel void pair_lines(int first, int count, __global const int *offsets,
                          __global const int *pairs, __global const int *nodes,
                          __global const float *way, __global const float *weight,
                          __global const float *normal, __global const int *triangle,
@@ -26,10 +25,9 @@ __kernel void pair_lines(int first, int count, int from, __global const int *off
                          float least_cosine, float steepest, __global int *partner,
                          __global float *slope)
 {
-    int place = first + get_global_id(0);
-    if (place >= count)
+    int i = first + get_global_id(0);
+    if (i >= count)
         return;
-    int i = from + place;
     int lines = min(offsets[i + 1] - offsets[i], WAYS), end[WAYS];
     float3 along[WAYS], n = vload3(i, normal);
     for (int k = 0; k < lines; k++) {

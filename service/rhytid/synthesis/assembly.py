@@ -15,12 +15,13 @@ from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.hashes import place_keys
 from rhytid.synthesis.lines import Lines, ends_of, joins_of
 from rhytid.synthesis.pore_density import Usual
-from rhytid.synthesis.progress import Progress, over_block, part, row_blocks
-from rhytid.synthesis.ranks import Ranks, Strips, unevenness
+from rhytid.synthesis.progress import Progress, over_block, over_rows, part, row_blocks
+from rhytid.synthesis.ranks import Ranks, unevenness
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.charts import trace
 from rhytid.synthesis.seams.copies import Arrays, with_copies
 from rhytid.synthesis.shapes import pore_axes, pore_ellipses
+from rhytid.synthesis.strips import Strips
 from rhytid.synthesis.surface import Points, Surface
 
 _LEAST_WEIGHT = 1e-4
@@ -92,8 +93,10 @@ class GraphParts:
             _scale(weight, fainter)
             width *= narrower
             half_width *= narrower
-        ends = ends_of(lines, joins, weight, half_width, width)
+        shares = self._shares(weight, width)  # what else there is of the graph comes after it
         of_lines(0.9, "shapes")
+        ends = ends_of(lines, joins, weight, half_width, width)
+        del joins, width
         arrays = {
             "node_uv": np.concatenate([pores.uv, lines.beyond]),
             "node_weight": np.concatenate([depth, none]),
@@ -110,7 +113,7 @@ class GraphParts:
             "edge_copy_of": lines.copy_of,
             "edge_metric": np.zeros((len(weight), 3), np.float32),
             **ends.arrays(),
-            **self._shares(weight, width),
+            **shares,
         }
         beside = self._beside()
         if self.events is not None:
@@ -143,9 +146,14 @@ class GraphParts:
         if ranks is None:
             return {}
         first, second = slice(0, lines.whole), slice(lines.whole, None)
-        pores = lines.pores[first]
-        length = np.linalg.norm(position[pores[:, 1]] - position[pores[:, 0]], axis=1)
-        mass = length * weight[first] * width[first]
+        pores, mass = lines.pores[first], np.empty(lines.whole)
+
+        def find(rows: slice) -> None:
+            one, two = pores[rows].T
+            length = np.linalg.norm(position[two] - position[one], axis=1)
+            mass[rows] = length * weight[rows] * width[rows]
+
+        over_rows(len(mass), find)
         share = np.empty(len(weight), np.float32)
         strips = Strips(lines.edge[first], pores, weight[first], mass, position, self.spacing)
         share[first] = ranks.shares(strips)

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.synthesis.progress import over_rows
+
 Words = NDArray[np.uint32]
 
 
@@ -24,9 +26,15 @@ def random4(x: Any, y: Any, z: Any, w: Any) -> tuple[Words, Words, Words, Words]
 
 def place_keys(uv: NDArray[np.floating]) -> Words:
     """(N,) a word for each place (N, 2), from the bits of its single precision."""
-    # Adding zero turns -0.0 into 0.0.
-    bits = np.ascontiguousarray(uv.astype(np.float32) + np.float32(0.0)).view(np.uint32)
-    return random4(bits[:, 0], bits[:, 1], 0, 0)[0]
+    keys = np.empty(len(uv), np.uint32)
+
+    def find(rows: slice) -> None:
+        # Adding zero turns -0.0 into 0.0.
+        bits = np.ascontiguousarray(uv[rows].astype(np.float32) + np.float32(0.0)).view(np.uint32)
+        keys[rows] = random4(bits[:, 0], bits[:, 1], 0, 0)[0]
+
+    over_rows(len(uv), find)
+    return keys
 
 
 def triangle_keys(uv: NDArray[np.float64]) -> Words:
@@ -43,9 +51,14 @@ def normals(key: Words, salt: int, seed: int) -> NDArray[np.float32]:
 
     key (N,): a word each.  salt: another number for each purpose.  seed: of the graph.
     """
-    one, two, _, _ = random4(key, salt, seed, 0)
-    radius = np.sqrt(np.float32(-2.0) * np.log(unit_interval(one)))
-    deviates: NDArray[np.float32] = radius * np.cos(np.float32(2.0 * np.pi) * unit_interval(two))
+    deviates = np.empty(len(key), np.float32)
+
+    def find(rows: slice) -> None:
+        one, two, _, _ = random4(key[rows], salt, seed, 0)
+        radius = np.sqrt(np.float32(-2.0) * np.log(unit_interval(one)))
+        deviates[rows] = radius * np.cos(np.float32(2.0 * np.pi) * unit_interval(two))
+
+    over_rows(len(key), find)
     return deviates
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
+from rhytid.synthesis.progress import over_rows
 from rhytid.synthesis.surface import Points
 from rhytid.synthesis.workspace import Workspace
 
@@ -62,12 +63,23 @@ class Lattice:
 
     def places(self, positions: NDArray[np.floating]) -> NDArray[np.int32]:
         """(..., 3) positions as whole steps from the origin."""
-        return np.rint((positions - self.origin) / self.unit).astype(np.int32)
+        places = np.empty(positions.shape, np.int32)
+
+        def find(rows: slice) -> None:
+            places[rows] = np.rint((positions[rows] - self.origin) / self.unit)
+
+        over_rows(len(places), find)
+        return places
 
     def positions(self, places: NDArray[np.int32]) -> NDArray[np.float64]:
         """(..., 3) the positions of places."""
-        found: NDArray[np.float64] = self.origin + self.unit * places
-        return found
+        positions = np.empty(places.shape)
+
+        def find(rows: slice) -> None:
+            positions[rows] = self.origin + self.unit * places[rows]
+
+        over_rows(len(places), find)
+        return positions
 
     def steps(self, length: float) -> int:
         """A length in steps, at least one; rounded up."""

@@ -39,7 +39,7 @@ NOTHING = -1
 # What lines that go before others are heavier by: more than any weight.
 _BEFORE = np.float32(4.0)
 # Pores whose lines are paired at a time.
-_PORES = 1 << 21
+_PORES = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,22 +250,22 @@ def _paired(
     """(W, 2) slopes, and (W, 2) the lines that continue each, of wrinkles at their two pores, those
     of second halves at their first line.
 
-    _PORES are looked at together, with no other wrinkles than theirs on the device.
+    _PORES are looked at together, with no other wrinkles and normals than theirs on the device.
     """
     count = lines.whole
     slopes = np.zeros((len(weight), 2), np.float32)
     partners = np.full((len(weight), 2), NOTHING, np.int32)
     partners[:count] = NOTHING - 1
-    stored = _stored(lines)
     charts = _Charts.of(ground, pores, lines)
     for first in range(0, len(pores), _PORES):
         number = min(_PORES, len(pores) - first)
         here = (lines.pores[:count] >= first) & (lines.pores[:count] < first + number)
         wrinkles = np.flatnonzero(here.any(axis=1)).astype(np.int32)
         here = here[wrinkles]
+        stored = _stored(lines, wrinkles)
         found = _paired_at(ground, pores, lines, charts, stored, weight, wrinkles, first, number)
         partner, slope = found
-        end = np.where(partner >= 0, stored[wrinkles[partner // 2], partner % 2], partner)
+        end = np.where(partner >= 0, stored[partner // 2, partner % 2], partner)
         for side in (0, 1):
             rows = wrinkles[here[:, side]]
             partners[rows, side] = end[here[:, side], side]
@@ -273,11 +273,20 @@ def _paired(
     return slopes, partners
 
 
-def _stored(lines: Lines) -> Indices:
-    """(V, 2) the stored line of a wrinkle at either pore, the same twice unless there are two."""
-    row = np.repeat(np.arange(lines.whole, dtype=np.int32), 2).reshape(-1, 2)
-    row[lines.copy_of[lines.whole :], 1] = np.arange(lines.whole, len(lines.edge))
+def _stored(lines: Lines, wrinkles: Indices) -> Indices:
+    """(K, 2) the stored line of wrinkles (K,) at either pore, the same twice unless there are
+    two."""
+    row = np.repeat(wrinkles, 2).reshape(-1, 2)
+    at, which = _common(wrinkles, lines.copy_of[lines.whole :])
+    row[at, 1] = lines.whole + which
     return row
+
+
+def _common(wrinkles: Indices, some: NDArray[np.integer]) -> tuple[IntArray, IntArray]:
+    """Where those of `some` that are among wrinkles (K,) are in both; both ascend."""
+    at = np.minimum(np.searchsorted(wrinkles, some), max(len(wrinkles) - 1, 0))
+    which = np.flatnonzero(wrinkles[at] == some) if len(wrinkles) else np.zeros(0, np.int64)
+    return at[which], which
 
 
 def _paired_at(
@@ -300,18 +309,30 @@ def _paired_at(
         way[rows] = unit(pores.position[nodes[rows, 1]] - pores.position[nodes[rows, 0]])
 
     over_rows(count, find)
-    out = np.stack([lines.step[wrinkles], -lines.step[stored[wrinkles, 1]]], axis=1)
-    arrays = (way, weight[wrinkles], pores.normal.astype(np.float32, copy=False))
+    out = np.stack([lines.step[wrinkles], -lines.step[stored[:, 1]]], axis=1)
+    normal = pores.normal[first : first + number].astype(np.float32, copy=False)
+    triangle = charts.of_ends(pores, wrinkles, nodes)
+    arrays = way, weight[wrinkles], normal, triangle, charts.to_uv, out
+    nodes, things = _counted_from(first, number, nodes)
     with ground.work.nested() as work:
-        members, triangle = work.upload(nodes), work.upload(charts.of_ends(pores, wrinkles, nodes))
-        lists = Incidence.of(work, members, count, len(pores))
+        members = work.upload(nodes)
+        lists = Incidence.of(work, members, count, things)
         partner, slope = work.full(2 * count, np.int32(-2)), work.full(2 * count, np.float32(0))
         work.run(
-            "continuations", "pair_lines", number, first, lists.offsets, lists.pairs, members,
-            *(work.upload(a) for a in arrays), triangle, work.upload(charts.to_uv),
-            work.upload(out), LEAST_COSINE, STEEPEST, partner, slope, defines=DEFINES,
+            "continuations", "pair_lines", number, lists.offsets, lists.pairs, members,
+            *(work.upload(a) for a in arrays), LEAST_COSINE, STEEPEST, partner, slope,
+            defines=DEFINES,
         )  # fmt: skip
         return work.read(partner, (count, 2), np.int32), work.read(slope, (count, 2), np.float32)
+
+
+def _counted_from(first: int, number: int, nodes: Indices) -> tuple[Indices, int]:
+    """(K, 2) pores counted from `first` on, with a number of its own for each end at none of so
+    many, and how many numbers there are."""
+    nodes = nodes - np.int32(first)
+    beyond = np.flatnonzero((nodes < 0) | (nodes >= number))
+    nodes.ravel()[beyond] = np.arange(number, number + len(beyond))
+    return nodes, number + len(beyond)
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,6 +362,6 @@ class _Charts:
     def of_ends(self, pores: Points, wrinkles: Indices, nodes: Indices) -> Indices:
         """(K, 2) rows of `to_uv`, for the ends of wrinkles (K,), ascending, at pores (K, 2)."""
         rows = pores.triangle[nodes].astype(np.int32, copy=False)
-        _, at, which = np.intersect1d(wrinkles, self.over, True, return_indices=True)
+        at, which = _common(wrinkles, self.over)
         rows[at, 1] = self.triangles + which
         return rows

@@ -17,10 +17,13 @@ from rhytid.domain.skin import wear
 from rhytid.synthesis.candidate_graph import CandidateGraph
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.hashes import Words, normals, place_keys
+from rhytid.synthesis.lattice import Around
 from rhytid.synthesis.leader_families import CREASES, FAMILIES, leading_any_way
 from rhytid.synthesis.leaders import LeaderPores
 from rhytid.synthesis.lines import NOTHING, Indices, Lines
+from rhytid.synthesis.progress import over_rows
 from rhytid.synthesis.shapes import WIDE
+from rhytid.synthesis.strips import Strips
 from rhytid.synthesis.surface import Points
 
 Singles = NDArray[np.float32]
@@ -45,9 +48,9 @@ _BESIDE, _FOLDED, _REACH = 0.3, 0.5, 4.0
 # The same where skin has creases.
 _CREASED = 0.7
 # How much less of the shortening than its family says a leader of weight 1 takes. It fades to the
-# ends as the depth does, for pressed skin would make cuts of them. What others are left at least,
-# of what they would take.
-_DEEP_TAKES, _LEFT = 0.6, 0.2
+# ends as the depth does, for pressed skin would make cuts of them. What they take, others give:
+# strips.py.
+_DEEP_TAKES = 0.6
 # By the numbers of families, what leaders take more than by themselves, and how far from.
 _TAKES_MORE = np.array([family.takes - 1.0 for family in FAMILIES], np.float32)
 _STRIPS = np.array([family.strip for family in FAMILIES])
@@ -70,16 +73,18 @@ _PART = 21
 class Ranks:
     """Leaders among the edges of a candidate graph.
 
-    weight (E,) float32: of leaders, before factors of the skin; 0 of other edges.  most (E,)
-    float32: the largest factor of the skin of leaders: with it one is as deep as lines can be in
-    its middle, and tapers from there as others do; infinite of other edges.  width (E,) float32:
-    half widths of leaders, in pore spacings.  profile (E,) float32: of leaders, from 0 at both ends
-    to 1; 0 of other edges.  family (E,) int8: of leaders, the number; 0 of other edges.
+    row (E,) int32: where each edge stands in the arrays of K rows, the first of which is for all
+    edges that are no part of a leader: 0, or infinite.
+    weight (K,) float32: before factors of the skin.  most (K,) float32: the largest factor of the
+    skin: with it a leader is as deep as lines can be in its middle, and tapers from there as others
+    do.  width (K,) float32: half widths, in pore spacings.  profile (K,) float32: from 0 at both
+    ends of a leader to 1.  family (K,) int8: the number.
     quiet (N,) float32: factor of the weight of other lines at each pore.
     of_pores (N,) float32: factor of the depth of the pores.  uneven (N,) float32: how far
     other lines differ by chance from those beside them, at each pore.  rank: the setting.
     """
 
+    row: Indices
     weight: Singles
     most: Singles
     width: Singles
@@ -105,50 +110,52 @@ class Ranks:
         """
         rank, worn = settings.rank, wear(settings.age)
         edge, depth, size, profile, number = _edges_along(net, leaders)
-        weight, width, run = (np.zeros(len(net.edges), np.float32) for _ in range(3))
-        family = np.zeros(len(net.edges), np.int8)
-        family[edge] = number
-        most = np.full(len(net.edges), np.inf, np.float32)
+        row = np.zeros(len(net.edges), np.int32)
+        row[edge] = np.arange(1, len(edge) + 1)
         # Those that expressions leave behind; lips have creases at any age.
         aged = np.where(number == CREASES.number, 0.0, worn)
         deepest = (_DEEPEST * (_OLD if worn > 0.0 else _YOUNG) ** aged).astype(np.float32)
         middle = deepest * min(rank, 1.0) * depth / np.maximum(profile, _TINY)
         middle = np.clip(middle, _TINY, 1.0)
-        weight[edge], most[edge] = middle * profile, 1.0 / middle
         broad = min(rank, 1.0) * (_NARROW + (_BROAD - _NARROW) * size)
         near = _nearness(net, leaders, _REACH * spacing)
         leading = leading_any_way(fields, net.pores.triangle, net.pores.uv)
         uneven = np.minimum(rank, 1.0) * fields.uneven(net.pores.triangle, net.pores.uv) * leading
         uneven = np.minimum(uneven, 1.0).astype(np.float32)
         aged *= 1.0 - uneven[net.edges.nodes[edge]].mean(axis=1)
-        width[edge] = WIDE * broad * _OLD_BROAD ** np.maximum(aged, 0.0)
-        run[edge] = np.minimum(profile, 1.0)
+        width = WIDE * broad * _OLD_BROAD ** np.maximum(aged, 0.0)
         quiet = (1.0 - _BESIDE * near) * (1.0 - _FOLDED * leading)
         quiet *= 1.0 - _CREASED * CREASES.leading(fields, net.pores.triangle, net.pores.uv)
         quiet *= (_OLD_OTHERS if worn > 0.0 else _YOUNG_OTHERS) ** (worn * leading)
         of_pores = np.ones(len(net.pores), np.float32)
         of_pores[net.first] = _BEADS ** min(rank, 1.0)
         quiet = (quiet**rank).astype(np.float32)
-        return cls(weight, most, width, run, family, quiet, of_pores, uneven, rank)
+        return cls(
+            row, _beside_none(0.0, middle * profile), _beside_none(np.inf, 1.0 / middle),
+            _beside_none(0.0, width), _beside_none(0.0, np.minimum(profile, 1.0)),
+            np.append(0, number).astype(np.int8), quiet, of_pores, uneven, rank,
+        )  # fmt: skip
 
     @property
     def leads(self) -> NDArray[np.bool_]:
         """(E,) whether each edge is part of a leader."""
-        found: NDArray[np.bool_] = self.weight > 0
+        found: NDArray[np.bool_] = (self.weight > 0)[self.row]
         return found
 
     def of_lines(self, edge: NDArray[np.int32], pores: NDArray[np.int32]) -> RankedLines:
         """What W lines are by their ranks.  edge (W,), pores (W, 2): of each."""
-        weight, leads = self.weight[edge], self.weight[edge] > 0
+        row = self.row[edge]
+        weight, leads = self.weight[row], self.weight[row] > 0
         quiet = np.float32(0.5) * (self.quiet[pores[:, 0]] + self.quiet[pores[:, 1]])
         factor = np.where(leads, np.float32(1.0), quiet)
-        return RankedLines(leads, weight, self.most[edge], self.width[edge], factor)
+        return RankedLines(leads, weight, self.most[row], self.width[row], factor)
 
     def unevenness(self, edge: NDArray[np.int32], pores: NDArray[np.int32]) -> Singles:
         """How far W lines differ from those beside them; leaders have sizes of their own.
         Arguments as of `of_lines`."""
         uneven = np.float32(0.5) * (self.uneven[pores[:, 0]] + self.uneven[pores[:, 1]])
-        found: Singles = np.where(self.leads[edge], np.float32(0.0), uneven)
+        leads = self.weight[self.row[edge]] > 0
+        found: Singles = np.where(leads, np.float32(0.0), uneven)
         return found
 
     def worn(self) -> Singles:
@@ -158,95 +165,25 @@ class Ranks:
 
     def raised(self, strength: Singles) -> Singles:
         """(E,) strengths in which leaders come before all other edges."""
-        found: Singles = np.where(self.leads, _FIRST + self.weight, strength)
+        found: Singles = np.where(self.leads, _FIRST + self.weight[self.row], strength)
         return found
 
     def shares(self, strips: Strips) -> Singles:
         """(W,) shares of W lines; over a strip of skin their mean by mass is 1."""
-        leads, family = self.leads[strips.edge], self.family[strips.edge]
-        takes = (_TAKES_MORE[family] - _DEEP_TAKES * strips.weight) * self.rank
-        takes *= self.profile[strips.edge]
-        more = np.where(leads, strips.mass * takes, 0.0)
-        taken, given = _given(strips, leads, more, _STRIPS[family])
-        ends = strips.pores
-        share = 1.0 - 0.5 * (given[ends[:, 0]] + given[ends[:, 1]])
-        kept = 0.5 * (taken[ends[:, 0]] + taken[ends[:, 1]])
-        share[leads] = 1.0 + (takes * kept)[leads]
-        return share.astype(np.float32)
+        lead = np.flatnonzero(self.leads[strips.edge])
+        row, ends = self.row[strips.edge[lead]], strips.pores
+        takes = (_TAKES_MORE[self.family[row]] - _DEEP_TAKES * strips.weight[lead]) * self.rank
+        takes *= self.profile[row]
+        taken, given = strips.given(lead, takes, _STRIPS[self.family[row]])
+        share = np.empty(len(ends), np.float32)
 
+        def find(rows: slice) -> None:
+            share[rows] = 1.0 - 0.5 * (given[ends[rows, 0]] + given[ends[rows, 1]])
 
-@dataclass(frozen=True, eq=False)
-class Strips:
-    """W lines as they share the shortening of a strip of skin.
-
-    edge (W,): that each draws.  pores (W, 2): that it joins.  weight (W,).  mass (W,): weight times
-    half width times length.  position (N, 3): of the pores.  spacing: their mean distance on even
-    skin.
-    """
-
-    edge: NDArray[np.int32]
-    pores: NDArray[np.int32]
-    weight: Singles
-    mass: NDArray[np.float64]
-    position: NDArray[np.float64]
-    spacing: float
-
-
-def _given(
-    strips: Strips,
-    leads: NDArray[np.bool_],
-    more: NDArray[np.float64],
-    strip: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(N,) what leaders get of what they ask for at each pore, 0 to 1, and (N,) what others give
-    there, of what they would take by themselves.
-
-    more (W,): what each leader asks for, more than it would take by itself. It asks the pores
-    around it, in proportion to what meets there and to how near they are, and each gives as far as
-    it can.  strip (W,): how far each asks, in pore spacings.
-    """
-    count = len(strips.position)
-    asked = _at_pores(strips, more, count)
-    there = _at_pores(strips, np.where(leads, 0.0, strips.mass), count)
-    farthest = np.zeros(count)
-    np.maximum.at(farthest, strips.pores[leads], strip[leads, None])
-    one, two, near = _pairs(strips, asked, farthest)
-    offered = near * there[two]
-    total = np.bincount(one, offered, count)
-    asks = offered * (asked / np.maximum(total, 1e-300))[one]
-    of_all = np.bincount(two, asks, count) / np.maximum(there, 1e-300)
-    least = np.minimum(1.0, (1.0 - _LEFT) / np.maximum(of_all, 1e-300))
-    got = np.bincount(one, asks * least[two], count)
-    return got / np.maximum(asked, 1e-300), of_all * least
-
-
-def _at_pores(strips: Strips, values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """(N,) sums of values (W,) at the pores, half of each at either end."""
-    ends = strips.pores
-    total = np.bincount(ends[:, 0], values, count) + np.bincount(ends[:, 1], values, count)
-    return np.asarray(0.5 * total, np.float64)
-
-
-def _pairs(
-    strips: Strips, asked: NDArray[np.float64], farthest: NDArray[np.float64]
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-    """Pairs of the pores that ask for something and those around them, ordered, and how near they
-    are: 1 to 0.  farthest (N,): how far each asks, in pore spacings."""
-    # Trees that are asked once are not worth balancing.
-    quick = {"balanced_tree": False, "compact_nodes": False}
-    every = scipy.spatial.cKDTree(strips.position, **quick)
-    found = []
-    for reach in np.unique(farthest[asked > 0]):
-        of = np.flatnonzero((asked > 0) & (farthest == reach))
-        some = scipy.spatial.cKDTree(strips.position[of], **quick)
-        reach *= strips.spacing
-        near = some.sparse_distance_matrix(every, reach, output_type="ndarray")
-        found.append((of[near["i"]], near["j"], (1.0 - (near["v"] / reach) ** 2) ** 2))
-    if not found:
-        return np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0)
-    one, two, nearness = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    order = np.argsort(one * len(strips.position) + two)
-    return one[order], two[order], nearness[order]
+        over_rows(len(share), find)
+        kept = 0.5 * (taken[ends[lead, 0]] + taken[ends[lead, 1]])
+        share[lead] = 1.0 + takes * kept
+        return share
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,16 +217,28 @@ def _edges_along(
     return at[found], depth, width, profile, leaders.family[follows][found]
 
 
+def _beside_none(none: float, values: NDArray[np.floating]) -> Singles:
+    """(K,) values of the edges of leaders (K - 1,), after that of all others."""
+    return np.append(none, values).astype(np.float32)
+
+
 def _nearness(net: CandidateGraph, leaders: LeaderPores, reach: float) -> Singles:
     """(N,) from 1 on a leader of depth 1 to 0 at `reach`, less beside shallower ones."""
     found = np.zeros(len(net.pores), np.float32)
     if not len(leaders):
         return found
-    tree = scipy.spatial.cKDTree(leaders.points.position)
-    distance, nearest = tree.query(net.pores.position, distance_upper_bound=reach)
-    near = np.flatnonzero(np.isfinite(distance))
-    share = 1.0 - (distance[near] / reach) ** 2
-    found[near] = share**2 * np.sqrt(leaders.depth[nearest[near]])
+    centres = leaders.points.position
+    tree, around = scipy.spatial.cKDTree(centres), Around(centres, reach)
+
+    def find(rows: slice) -> None:
+        places = net.pores.position[rows]
+        some = around.near(places)
+        distance, nearest = tree.query(places[some], distance_upper_bound=reach)
+        near = np.isfinite(distance)
+        share = 1.0 - (distance[near] / reach) ** 2
+        found[rows.start + some[near]] = share**2 * np.sqrt(leaders.depth[nearest[near]])
+
+    over_rows(len(found), find)
     return found
 
 

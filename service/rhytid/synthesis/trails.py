@@ -7,7 +7,7 @@ its edges; all edges decay.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -95,9 +95,7 @@ def wear(
     strengths that the first walkers find, none without it.
     """
     with work.nested() as nested:
-        trails = _Trails.of(nested, paths, crossings, seed, degree, walks)
-        if worn is not None:
-            trails = replace(trails, strength=nested.upload(worn))
+        trails = _Trails.of(nested, paths, crossings, seed, degree, walks, worn)
         for done in range(walks.rounds):
             share = part(progress, done / walks.rounds, (done + 1) / walks.rounds)
             trails.round(done, share)
@@ -176,12 +174,13 @@ class _Trails:
     """The state of trails while walkers walk: strength (E,) float32, deposit (E,) int32, and the
     pull of edges and the appeal of ways out, which follow from the strength.
 
-    gain: strength of a deposit.
+    crossed: where the list of each edge starts, and the edges that cross it.  gain: strength of a
+    deposit.
     """
 
     work: Workspace
     paths: Paths
-    crossings: Incidence
+    crossed: tuple[Buffer, Buffer]
     seed: np.uint32
     walks: Walks
     gain: float
@@ -200,9 +199,13 @@ class _Trails:
         seed: int,
         degree: float,
         walks: Walks,
+        worn: NDArray[np.float32] | None,
     ) -> _Trails:
-        found = Incidence.of(work, work.upload(crossings), len(crossings), paths.edges)
-        strength = work.full(paths.edges, np.float32(0.0))
+        members = work.upload(crossings)
+        found = Incidence.of(work, members, len(crossings), paths.edges)
+        work.release(members, found.pairs)  # none of them is asked for
+        none = np.float32(0.0)
+        strength = work.full(paths.edges, none) if worn is None else work.upload(worn)
         deposit = work.full(paths.edges, np.int32(0))
         pull = work.empty(paths.edges, np.float32)
         appeal = work.full(paths.ways.entries + BEYOND, np.float32(0.0))
@@ -211,14 +214,15 @@ class _Trails:
         still = work.empty(1, np.float32)
         work.run("trails", "pull_of_unworn", 1, UNWORN, walks.draw, still, defines=DEFINES)
         trails = still, strength, deposit, pull, appeal
-        return cls(work, paths, found, np.uint32(seed), walks, gain, *trails)
+        crossed = found.offsets, found.others
+        return cls(work, paths, crossed, np.uint32(seed), walks, gain, *trails)
 
     def round(self, number: int, progress: Progress) -> None:
         """All families walk, and their deposits are worn in."""
         self._run(
             "pull_of_edges", -(-self.paths.edges // 8), self.paths.edges, UNWORN, self.walks.draw,
-            WORN, SHY, self.still, self.strength, self.crossings.offsets, self.crossings.others,
-            self.pull, report=lambda _: progress(0.0, "trails"),
+            WORN, SHY, self.still, self.strength, *self.crossed, self.pull,
+            report=lambda _: progress(0.0, "trails"),
         )  # fmt: skip
         for index, family in enumerate(FAMILIES):
             share = part(progress, index / len(FAMILIES), (index + 1) / len(FAMILIES))

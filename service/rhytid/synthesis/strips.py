@@ -1,0 +1,98 @@
+"""How lines share the shortening of a strip of skin: those around leaders give what these take."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from rhytid.support import cancellation
+
+Doubles = NDArray[np.float64]
+# What others are left at least, of what they would take.
+_LEFT = 0.2
+# Pores that ask at a time: there are some hundred times as many pairs.
+_ASKING = 1 << 14
+_TINY = 1e-300
+# Pairs of a pore that asks and one around it: which of the asking, which of all, how near.
+_Pairs = tuple[NDArray[np.intp], NDArray[np.intp], Doubles]
+
+
+@dataclass(frozen=True, eq=False)
+class Strips:
+    """W lines as they share the shortening of a strip of skin.
+
+    edge (W,): that each draws.  pores (W, 2): that it joins.  weight (W,).  mass (W,): weight times
+    half width times length.  position (N, 3): of the pores.  spacing: their mean distance on even
+    skin.
+    """
+
+    edge: NDArray[np.int32]
+    pores: NDArray[np.int32]
+    weight: NDArray[np.float32]
+    mass: Doubles
+    position: Doubles
+    spacing: float
+
+    def given(
+        self, lead: NDArray[np.intp], takes: NDArray[np.floating], strip: Doubles
+    ) -> tuple[Doubles, Doubles]:
+        """(N,) what leaders get of what they ask for at each pore, 0 to 1, and (N,) what others
+        give there, of what they would take by themselves.
+
+        lead (L,): the lines that are parts of leaders.  takes (L,): how much more each asks for
+        than it would take by itself, of that. It asks the pores around it, in proportion to what
+        meets there and to how near they are, and each gives as far as it can.  strip (L,): how far
+        it asks, in pore spacings.
+        """
+        count = len(self.position)
+        leading, others = self.pores[lead], self.mass.copy()
+        others[lead] = 0.0
+        asked, there = (
+            _at_pores(leading, self.mass[lead] * takes, count),
+            _at_pores(self.pores, others, count),
+        )
+        farthest = np.zeros(count)
+        np.maximum.at(farthest, leading, strip[:, None])
+        asking, asks, of_all = np.flatnonzero(asked > 0), [], np.zeros(count)
+        for some, (one, two, near) in self._pairs(asking, farthest):
+            offered = near * there[two]
+            total = np.maximum(np.bincount(one, offered, len(some)), _TINY)
+            offered *= (asked[some] / total)[one]
+            np.add.at(of_all, two, offered)
+            asks.append((some, one.astype(np.int32), two.astype(np.int32), offered))
+        of_all /= np.maximum(there, _TINY)
+        least, got = np.minimum(1.0, (1.0 - _LEFT) / np.maximum(of_all, _TINY)), np.zeros(count)
+        for some, of, by, offered in asks:
+            got[some] = np.bincount(of, offered * least[by], len(some))
+        return got / np.maximum(asked, _TINY), of_all * least
+
+    def _pairs(
+        self, asking: NDArray[np.intp], farthest: Doubles
+    ) -> Iterator[tuple[NDArray[np.intp], _Pairs]]:
+        """Some of the pores that ask for something (A,), and the pairs of these and those around
+        them, ordered; nearness is 1 to 0.  farthest (N,): how far each asks, in pore spacings."""
+        # Trees that are asked once are not worth balancing.
+        quick = {"balanced_tree": False, "compact_nodes": False}
+        every = scipy.spatial.cKDTree(self.position, **quick) if len(asking) else None
+        for first in range(0, len(asking), _ASKING):
+            cancellation.check()
+            some, found = asking[first : first + _ASKING], []
+            for reach in np.unique(farthest[some]):
+                of = np.flatnonzero(farthest[some] == reach)
+                tree = scipy.spatial.cKDTree(self.position[some[of]], **quick)
+                reach *= self.spacing
+                near = tree.sparse_distance_matrix(every, reach, output_type="ndarray")
+                found.append((of[near["i"]], near["j"], (1.0 - (near["v"] / reach) ** 2) ** 2))
+            one, two, nearness = (np.concatenate(parts) for parts in zip(*found, strict=True))
+            order = np.argsort(one * len(self.position) + two)
+            yield some, (one[order], two[order], nearness[order])
+
+
+def _at_pores(ends: NDArray[np.int32], values: Doubles, count: int) -> Doubles:
+    """(N,) sums of values (W,) at pores, half of each at either of its ends (W, 2)."""
+    one, two = (np.bincount(side, values, count) for side in ends.T)
+    return np.asarray(0.5 * (one + two), np.float64)
