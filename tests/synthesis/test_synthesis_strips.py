@@ -20,7 +20,7 @@ def made() -> tuple[Strips, tuple[np.ndarray, ...]]:
     edge, weight = np.arange(LINES, dtype=np.int32), rng.random(LINES).astype(np.float32)
     lead = np.arange(0, LINES, 9)
     strip = rng.choice([2.0, 3.5], len(lead))
-    takes = rng.random(len(lead)).astype(np.float32) * np.float32(3.0)
+    takes = rng.random(len(lead)).astype(np.float32) * np.float32(20.0)
     return Strips(edge, pores, weight, mass, position, SPACING), (lead, takes, strip)
 
 
@@ -49,7 +49,8 @@ def test_what_leaders_ask_for_is_given_by_the_pores_around_them() -> None:
     got, gives = lines.given(*given)
     for found, sums in zip((got, gives), wanted(lines, *given), strict=True):
         np.testing.assert_allclose(found, sums, rtol=1e-12, atol=1e-300)
-    assert (gives > 0.79).any() and (gives < 0.5).any()
+    assert (gives > 0.79).any()
+    assert (gives[gives > 0] < 0.5).any()
     assert (got[got > 0] < 0.99).any()
 
 
@@ -65,4 +66,5 @@ def test_without_leaders_nobody_asks() -> None:
     lines, _ = made()
     none = np.zeros(0, np.intp)
     got, gives = lines.given(none, np.zeros(0, np.float32), np.zeros(0))
-    assert not got.any() and not gives.any()
+    assert not got.any()
+    assert not gives.any()

@@ -18,8 +18,9 @@ from numpy.typing import DTypeLike, NDArray
 from rhytid.device.buffer import Buffer
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.hashes import Words, random4, triangle_keys
-from rhytid.synthesis.incidence import KEPT, starts_of, until_decided
-from rhytid.synthesis.lattice import Grid, Lattice, mask_of_lists, spatial_order
+from rhytid.synthesis.incidence import KEPT, until_decided
+from rhytid.synthesis.kept_pores import KeptPores, PoreLists
+from rhytid.synthesis.lattice import Grid, Lattice, spatial_order
 from rhytid.synthesis.pore_density import PACKING, densities, effective_area, spacings
 from rhytid.synthesis.progress import Progress, over_rows
 from rhytid.synthesis.surface import FloatArray, Points, Surface, unit
@@ -39,9 +40,8 @@ _FEWER = 2
 # A pore this much beyond the radius is still too close: what the device rounds.
 _ROUNDING = 1.0 + 1e-6
 _SPARE = 1024
-# Darts that a work-item looks at, and starts of lists that it adds up, as in darts.cl and pores.cl;
-# and how many pores are read beyond the last.
-_TOGETHER, _CHUNK, _BEYOND = 8, 1024, 8
+# Darts that a work-item looks at, as in darts.cl.
+_TOGETHER = 8
 # Numbers of each dart of a throw by name, and their kind.
 _OF_DARTS: dict[str, tuple[int, DTypeLike]] = {
     "triangle": (1, np.int32), "place": (3, np.int32), "normal": (3, np.float32),
@@ -120,8 +120,8 @@ class DartSelection:
         reach = radius * _ROUNDING
         self._cell = self._lattice.steps(reach * fields.most_spacing)
         self._scale = float(self._lattice.unit / reach)
-        self._kept = _Kept.empty(work, int(1.1 * expected) + _SPARE)
-        self._lists: _Lists | None = None
+        self._kept = KeptPores.empty(work, int(1.1 * expected) + _SPARE)
+        self._lists: PoreLists | None = None
 
     def start_with(self, pores: Points, factor: NDArray[np.float32]) -> None:
         """Keep pores before any dart.  factor (L,): of the spacing at each."""
@@ -140,7 +140,7 @@ class DartSelection:
     def lists(self) -> tuple[Any, ...]:
         """The arguments of kernels that look for pores that are too close."""
         if self._lists is None:
-            self._lists = _Lists.of(self._work, self._kept, self.count)
+            self._lists = PoreLists.of(self._work, self._kept, self.count)
         return self._cell, *self._lists.arguments, self._scale
 
     def take(self, darts: Throw) -> None:
@@ -200,72 +200,12 @@ class DartSelection:
 
     def _make_room(self, most: int) -> None:
         """Move the pores to larger arrays: along borders more fit than the area suggests."""
-        old, self._kept = self._kept, _Kept.empty(self._work, most)
+        old, self._kept = self._kept, KeptPores.empty(self._work, most)
         self._work.run(
             "pores", "move_pores", self.count, old.pores, old.triangle, old.uv, self._cell,
             *self._kept.arrays,
         )  # fmt: skip
         self._work.release(old.pores, old.triangle, old.uv)
-
-
-@dataclass(frozen=True, eq=False)
-class _Kept:
-    """Arrays on the device for up to `most` pores.
-
-    mask: of the numbers of lists.  pores (most, 8) int32: place, factor and normal of each, and the
-    number of its list.
-    """
-
-    most: int
-    mask: np.uint32
-    pores: Buffer
-    triangle: Buffer
-    uv: Buffer
-
-    @classmethod
-    def empty(cls, work: Workspace, most: int) -> _Kept:
-        pores, triangle = work.empty(8 * most, np.int32), work.empty(most, np.int32)
-        return cls(most, mask_of_lists(most), pores, triangle, work.empty(2 * most, np.float32))
-
-    @property
-    def arrays(self) -> tuple[Any, ...]:
-        """The arguments of kernels that add pores."""
-        return self.mask, self.pores, self.triangle, self.uv
-
-
-@dataclass(frozen=True, eq=False)
-class _Lists:
-    """Pores in the order of their lists, one list for each cell, as darts look for them.
-
-    starts: where each list begins.  numbers (7, room): of the pores by themselves, so that eight
-    are looked at together.
-    """
-
-    mask: np.uint32
-    starts: Buffer
-    numbers: Buffer
-    room: int
-
-    @classmethod
-    def of(cls, work: Workspace, kept: _Kept, count: int) -> _Lists:
-        """The lists of the first `count` pores."""
-        chunks = -(-(int(kept.mask) + 3) // _CHUNK)
-        starts, sums = work.full(chunks * _CHUNK, np.int32(0)), work.empty(chunks, np.int32)
-        work.run("pores", "count_pores", count, kept.pores, starts)
-        work.run("pores", "sum_chunks", chunks, starts, sums)
-        before = work.upload(starts_of(work.read(sums, (chunks,), np.int32)))
-        work.run("pores", "add_up_chunks", chunks, before, starts)
-        order, room = work.empty(count, np.int32), count + _BEYOND
-        numbers = work.empty(7 * room, np.int32)
-        work.run("pores", "order_pores", count, kept.pores, starts, order)
-        work.run("pores", "list_pores", room, kept.pores, order, numbers)
-        work.release(sums, before, order)
-        return cls(kept.mask, starts, numbers, room)
-
-    @property
-    def arguments(self) -> tuple[Any, ...]:
-        """The arguments of kernels that look for pores."""
-        return self.mask, self.starts, self.numbers, self.room
 
 
 @dataclass(frozen=True, eq=False)
