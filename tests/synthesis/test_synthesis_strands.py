@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
+from rhytid.domain.expressions import ENOUGH, Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.synthesis import ranks
@@ -125,3 +126,28 @@ def test_strands_differ_by_rank_and_no_more_above_1(
     whole, part = (ranked.uneven for ranked in found)
     assert 0.1 < np.median(whole[whole > 0]) < 0.5
     np.testing.assert_allclose(part, share * whole, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("region", "kept"), [("mouth", 0.25), ("forehead", 1.0)])
+def test_where_directions_whirl_around_a_mouth_lines_are_faint(
+    device: Device, monkeypatch: pytest.MonkeyPatch, region: str, kept: float
+) -> None:
+    """Skin is compressed along x, and right of the middle in all directions alike."""
+    tensor = np.zeros((len(MESH.positions), 6), np.float32)
+    tensor[:, 0] = 0.15**2
+    tensor[MESH.positions[:, 0] > np.median(MESH.positions[:, 0]), 1] = 0.15**2
+    settings = GraphSettings(wrinkles=COUNT, region=region, events=0.0, patches=0.0)
+
+    def skin() -> WrinkleGraph:
+        return synthesize(MESH, settings, device, folds=Folds(tensor, ENOUGH)).graph
+
+    faint = skin()
+    monkeypatch.setattr(ranks, "_CRUMPLED", 0.0)
+    usual = skin()
+    np.testing.assert_array_equal(faint.edge_nodes, usual.edge_nodes)
+    at = usual.node_uv[usual.edge_nodes, 0].mean(axis=1)
+    lines = (usual.edge_weight > 0.05) & (usual.edge_weight < 1.0) & (at > 0.6)
+    ratio = faint.edge_weight / usual.edge_weight
+    assert lines.sum() > 500
+    np.testing.assert_allclose(ratio[lines], kept, rtol=1e-4)
+    assert (ratio[at < 0.4] == 1.0).all()

@@ -105,6 +105,10 @@ class Fields:
         """How far skin has creases, upright lines close together: 0 to 1."""
         return np.zeros(len(triangle), np.float32)
 
+    def crumpled(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin whose lines are uneven folds without one direction: 0 to 1."""
+        return np.zeros(len(triangle), np.float32)
+
     def uneven(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far lines differ from those beside them where skin has leaders: 0 to 1."""
         return np.zeros(len(triangle), np.float32)

@@ -78,7 +78,8 @@ class FoldField:
         if cautious:
             size, eccentricity = _with_unseen(size, eccentricity, folds.moving)
             told = np.tanh(size / FOLDED)
-        certainty = _ramp(told / _CERTAIN) * _ramp(eccentricity / _ECCENTRIC)
+        one_way = _ramp(eccentricity / _ECCENTRIC)
+        certainty = _ramp(told / _CERTAIN) * one_way
         hold = eccentricity * np.minimum(2.0 * told, 1.0)
         found = {
             "strength": _FAINT + (_DEEP - _FAINT) * share**_POWER,
@@ -104,6 +105,7 @@ class FoldField:
         crossing *= 1.0 - np.abs(frown)
         known |= {"certainty": certainty, "leading": leading, "crossing": crossing}
         known["frown"] = frown
+        known["crumpled"] = _ramp(told / _CERTAIN) * (1.0 - one_way**2)
         self._planes = {n: self._planes_of(v) for n, v in known.items()}
         used = np.flatnonzero(surface.carries)
         extent = np.ptp(surface.uv[used], axis=1).max(axis=1)
@@ -112,8 +114,8 @@ class FoldField:
     def factor(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """(N,) a property of lines by its name: the factor of their `strength`, `anisotropy` or
         `width`, that of `primary` lines; or, from 0 to 1, the `certainty` of their direction, or
-        how far they have leaders (`leading`), or long level ones (`crossing`), or lie on a crest of
-        the `frown`, below 0 on the right one."""
+        how far they have leaders (`leading`), or long level ones (`crossing`), or fold without
+        one direction (`crumpled`), or lie on a crest of the `frown`, below 0 on the right one."""
         return self.at(self._planes[name], triangle, uv)
 
     def mixed(self, values: Mapping[str, float], base: float) -> Planes:

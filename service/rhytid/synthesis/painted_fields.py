@@ -240,6 +240,13 @@ class PaintedFields(Fields):
         np.clip(share, 0.0, 1.0, out=share)
         return share
 
+    def crumpled(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin folds without one direction: as the folds say, in the regions whose lines
+        are uneven."""
+        if self._folds is None:
+            return super().crumpled(triangle, uv)
+        return self._folds.factor("crumpled", triangle, uv) * self.uneven(triangle, uv)
+
     def uneven(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far lines differ from those beside them: of the regions."""
         return self._region("uneven", triangle, uv)

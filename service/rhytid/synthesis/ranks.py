@@ -45,8 +45,9 @@ _NARROW, _BROAD = 0.6, 1.25
 # How far other lines are fainter: beside a leader, and where skin folds one way; how far from a
 # leader, in pore spacings, the first ends.
 _BESIDE, _FOLDED, _REACH = 0.3, 0.5, 4.0
-# The same where skin has creases.
-_CREASED = 0.7
+# The same where skin has creases; and where it folds, but no one way, as above the corner of the
+# mouth: directions whirl there, and strong lines would be a winding ridge along the lip.
+_CREASED, _CRUMPLED = 0.7, 0.75
 # How much less of the shortening than its family says a leader of weight 1 takes. It fades to the
 # ends as the depth does, for pressed skin would make cuts of them. What they take, others give:
 # strips.py.
@@ -126,6 +127,7 @@ class Ranks:
         width = WIDE * broad * _OLD_BROAD ** np.maximum(aged, 0.0)
         quiet = (1.0 - _BESIDE * near) * (1.0 - _FOLDED * leading)
         quiet *= 1.0 - _CREASED * CREASES.leading(fields, net.pores.triangle, net.pores.uv)
+        quiet *= 1.0 - _CRUMPLED * fields.crumpled(net.pores.triangle, net.pores.uv)
         quiet *= (_OLD_OTHERS if worn > 0.0 else _YOUNG_OTHERS) ** (worn * leading)
         of_pores = np.ones(len(net.pores), np.float32)
         of_pores[net.first] = _BEADS ** min(rank, 1.0)
