@@ -121,6 +121,8 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
         {"scan_mask": picture(COLOURS[..., 0]), "scan_settings": None},
         "scan_mask says where part scan counts",
     ),
+    "misspelt": ({"scan_settings": None, "settings": {"skan": HOW}}, "did you mean scan"),
+    "no setting": ({"scan_settings": None, "settings": {"x": HOW}}, "known here: unit, .*, scan"),
     "flat": ({"scan": image(0.0 * relief())}, "there is no relief in the scan"),
     "a graph, too": ({"scan": image(relief()), "graph": b"?"}, "graph"),
     "a map of growth": (

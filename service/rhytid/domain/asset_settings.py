@@ -328,23 +328,24 @@ class AssetSettings:
     name: str | None = text(None, LONGEST_NAME)
 
     @classmethod
-    def parse(cls, data: Any) -> AssetSettings:
+    def parse(cls, data: Any, beside: tuple[str, ...] = ()) -> AssetSettings:
         """Settings from decoded JSON; keys that are left out have their defaults.
 
-        Raises SettingsError naming the path of the first key or value that is wrong.
+        beside: keys that were read and taken out before. Raises SettingsError naming the path of
+        the first key or value that is wrong.
         """
         usual = cls()
         name = data.get("preset") if isinstance(data, Mapping) else None
         if isinstance(name, str) and name in PRESETS:
             usual = replace(usual, graph=replace(usual.graph, **PRESETS[name].graph))
-        return usual.changed(data)
+        return usual.changed(data, beside)
 
-    def changed(self, data: Any) -> AssetSettings:
-        """A copy with the values of `data`, decoded JSON of the same nesting; raises as `parse`. A
-        preset in it leaves `graph` as it is."""
+    def changed(self, data: Any, beside: tuple[str, ...] = ()) -> AssetSettings:
+        """A copy with the values of `data`, decoded JSON of the same nesting; `beside` and raises
+        as `parse`. A preset in it leaves `graph` as it is."""
         if not isinstance(data, Mapping):
             raise SettingsError(f"settings are {type(data).__name__}: must be a JSON object")
-        settings = read(self._with_preset(data.get("preset")), data)
+        settings = read(self._with_preset(data.get("preset")), data, beside=beside)
         if "tile_size" not in data:
             settings = replace(settings, tile_size=min(settings.tile_size, settings.resolution))
         if settings.tile_size > settings.resolution:

@@ -60,16 +60,17 @@ def text(default: str | None, longest: int) -> Any:
     return field(default=default, metadata={"longest": longest})
 
 
-def read(base: T, data: Mapping[str, Any], path: str = "") -> T:
+def read(base: T, data: Mapping[str, Any], path: str = "", beside: tuple[str, ...] = ()) -> T:
     """A copy of the dataclass instance `base` with the values of `data` put in.
 
-    Raises SettingsError naming the path of the first key or value that is wrong.
+    beside: keys that others have read and taken out, to be told with the known ones. Raises
+    SettingsError naming the path of the first key or value that is wrong.
     """
     known = {f.name: f for f in fields(base)}  # type: ignore[arg-type]
     changes: dict[str, Any] = {}
     for key, value in data.items():
         if key not in known:
-            raise SettingsError(_unknown(path, key, value, list(known)))
+            raise SettingsError(_unknown(path, key, value, [*known, *beside]))
         changes[key] = _value(known[key], getattr(base, key), value, path + key)
     return replace(base, **changes)  # type: ignore[type-var]
 

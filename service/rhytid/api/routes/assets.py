@@ -85,7 +85,7 @@ def new_asset(parts: dict[str, Part], decoder: Decoder, hold: Hold, gone: Gone) 
     if not isinstance(force, bool):
         raise InputError(f"part force is {force!r}: must be true or false")
     scan = _scan_settings(settings, "scan" in parts)
-    chosen = AssetSettings.parse(settings).named_after(mesh.filename)
+    chosen = AssetSettings.parse(settings, beside=("scan",)).named_after(mesh.filename)
     file = mesh.spool.descriptor
     return decoder.read(parts, chosen, scan, force=force, hold=hold, gone=gone, file=file)
 
