@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +100,29 @@ def test_what_drew_after_a_load_is_built_after_what_a_load_needs(
     assert waits == [(module._LATER, 1)]
     assert [given[1:] for given in compilations] == [["-DUNUSED=1"], ["-DUNUSED=2"], ["-DUNUSED=3"]]
     ahead.close()
+
+
+@pytest.fixture
+def other(device: Device) -> Iterator[Callable[[], None]]:
+    """Builds a program on a thread that is there before, as an engine that tests share does."""
+    go, own = threading.Event(), Device(device.info, None)
+
+    def build() -> None:
+        assert go.wait(60)
+        own.programs.prepare("level", {"UNUSED": 9})
+
+    thread = threading.Thread(target=build)
+    thread.start()
+    yield lambda: (go.set(), thread.join())[1]
+    go.set()
+    thread.join()
+
+
+def test_what_other_engines_build_meanwhile_does_not_count(
+    other: Callable[[], None], compilations: list[list[str]]
+) -> None:
+    other()
+    assert compilations == []
 
 
 def test_who_closes_does_not_wait_for_what_is_built_later(fresh: Device, tmp_path: Path) -> None:
