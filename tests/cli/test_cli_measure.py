@@ -130,3 +130,30 @@ def test_a_patch_beyond_the_mesh_is_refused(
     assert "lies beside the mesh or in another UDIM" in capsys.readouterr().err
     assert main(["measure", str(sheet), "--scan", str(scan), "--place", "nose"]) == 1
     assert "show no such region: none" in capsys.readouterr().err
+
+
+def test_what_does_not_fit_is_told_beside_the_figures_of_others(
+    sheet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The sheet ends 2.7 mm right of the first: 5 mm across fit, 6 do not."""
+    scan = tmp_path / "flat.1001.exr"
+    OpenEXR.File({}, {"Y": np.eye(64, dtype=np.float32)}).write(str(scan))
+    beyond = ["--scan", str(scan), "--patch", "0.82", "0.5"]
+    given = [str(sheet), *beyond, "--patch", "0.5", "0.5"]
+    found = measured(capsys, *given)
+    assert [patch["patch"] for patch in found["patches"]] == ["1001 0.500 0.500"]
+    (warning,) = (one for one in found["warnings"] if one["code"] == "patch-size")
+    assert warning["where"] == "patch 1001 0.820 0.500"
+    assert "take --size 5 or another place" in warning["detail"]
+    assert measured(capsys, str(sheet), *beyond, "--size", "5")["patches"]
+    assert main(["measure", *given, "--strict"]) == 1
+    assert "--allow patch-size" in capsys.readouterr().err
+
+
+def test_a_place_that_goes_beyond_where_it_is_moved_is_left_out(
+    sheet: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Pressed to 0.8 the sheet is 12.8 mm wide: of 14 mm there is no room, at rest there is."""
+    grown = ("--wrinkles", "300", "--resolution", "256", "--patch", "0.5", "0.5")
+    assert main(["measure", str(sheet), *grown, "--size", "14", "--strain", "0.8"]) == 1
+    assert "take a smaller --size or another place" in capsys.readouterr().err

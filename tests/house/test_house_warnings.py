@@ -29,6 +29,7 @@ NUMBERS = {
     limits.SETTINGS_UNUSED: (),
     limits.ARRAYS_UNUSED: (),
     limits.DEVICES_MIXED: (),
+    limits.PATCH_SIZE: (),
     limits.SCAN_DEPTH: (
         f"{limits.SHALLOWEST:g} to {limits.DEEPEST:g} mm deep",
         f"steeper than {limits.STEEPEST:g} to 1",

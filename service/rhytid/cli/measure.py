@@ -118,18 +118,20 @@ def run(arguments: argparse.Namespace) -> None:
     # Imported here, so that --help needs no OpenCL.
     from rhytid.baking.input_files import mesh_file
     from rhytid.baking.run_warnings import RunWarnings
-    from rhytid.cli.measure_inputs import heights_of, places_of, unit_of
+    from rhytid.cli.measure_inputs import heights_of, places_of, those_that_fit, unit_of
 
     with RunWarnings("measure", arguments.strict, arguments.allow) as warnings:
         read = mesh_file(arguments.mesh, cache_clip(arguments))
         warnings.file(read)
         unit = unit_of(arguments, read)
-        places = places_of(arguments, read, unit)
+        places = places_of(arguments, read, unit, warnings)
         with heights_of(arguments, read, unit, warnings) as heights, share_bar("measure") as show:
-            found = []
-            for done, place in enumerate(places):
-                show(done / len(places), place.name)
-                found.append(_measured(arguments, read, heights, place))
+
+            def measured(place: Place) -> Measured:
+                show(places.index(place) / len(places), place.name)
+                return _measured(arguments, read, heights, place)
+
+            found = those_that_fit(places, measured, warnings)
         _report(arguments, found, warnings)
         _draw(arguments, found)
 

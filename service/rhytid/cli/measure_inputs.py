@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+import math
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
+from typing import TypeVar
 
 from rhytid.baking.assets import build
 from rhytid.baking.frames import FrameFiles
 from rhytid.baking.input_files import graph_file, shape_files
 from rhytid.baking.inputs import new_asset
 from rhytid.baking.run_warnings import RunWarnings
-from rhytid.cli.measure_patches import Heights, Place, Positions, Source, of_asset, of_scan
+from rhytid.cli.measure_patches import (
+    Heights,
+    PatchError,
+    Place,
+    Positions,
+    Source,
+    of_asset,
+    of_scan,
+)
 from rhytid.cli.options import cache_clip, length_unit
 from rhytid.cli.preview import skin_views
 from rhytid.cli.preview_spots import flat_spots, spot_at
@@ -23,6 +33,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import expressions_for_lines
 from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.tiles import busiest_udim, triangles_inside
+from rhytid.domain.warnings import PATCH_SIZE, InputWarning
 from rhytid.engine.engine import Engine, open_device
 from rhytid.errors import InputError
 from rhytid.formats.meshes import MeshFile
@@ -32,6 +43,11 @@ from rhytid.support.console import share_bar
 from rhytid.support.settings import ServiceSettings
 from rhytid.support.temporary_folders import temporary_folder
 from rhytid.synthesis.workspace import directly
+
+Asked = TypeVar("Asked")
+Found = TypeVar("Found")
+# Sizes that are tried, in tens of millimetres, millimetres or tenths.
+_STEPS = (9, 8, 7, 6, 5, 4, 3, 2.5, 2, 1.5, 1)
 
 
 def unit_of(arguments: argparse.Namespace, read: MeshFile) -> str:
@@ -48,26 +64,76 @@ def _unit_mm(unit: str) -> float:
     return millimetres(unit) or MILLIMETRES[USUAL_UNIT]
 
 
-def places_of(arguments: argparse.Namespace, read: MeshFile, unit: str) -> list[Place]:
-    """The patches that are asked for; else the flattest places. Raises InputError naming a place
-    that is not on the mesh."""
+def places_of(
+    arguments: argparse.Namespace, read: MeshFile, unit: str, warnings: RunWarnings
+) -> list[Place]:
+    """The patches that are asked for; else the flattest places. Warns of those that reach beyond
+    the mesh, and raises PatchError where all do, InputError naming a place that is not on it."""
     mesh, degrees = read.mesh, arguments.along
-    side = arguments.size / _unit_mm(unit)
-    found = _regions(arguments, read, unit, side) if arguments.place else []
-    for one in arguments.patch:
-        found += Place.all(spot_at(mesh, one, side), mesh, degrees)
-    if not found:
-        found = Place.all(flat_spots(mesh, [side]), mesh, degrees)
+    regions = _regions(arguments, read, unit) if arguments.place else lambda side: []
+
+    def chosen(size: float) -> list[Place]:
+        side = size / _unit_mm(unit)
+        found = regions(side)
+        for one in arguments.patch:
+            found += Place.all(spot_at(mesh, one, side), mesh, degrees)
+        return found or Place.all(flat_spots(mesh, [side]), mesh, degrees)
+
+    found = chosen(arguments.size)
     if not found:
         raise InputError(
             f"no patch of {arguments.size:g} mm lies flat on the mesh: give --patch, or a smaller "
             "--size"
         )
+
+    def checked(number: int) -> Place:
+        try:
+            return found[number].on(mesh, arguments.size / _unit_mm(unit))
+        except PatchError as error:
+            sizes = (s for s in _sizes_below(arguments.size) if fits(chosen(s)[number], s))
+            raise PatchError(error.name, error.missing, next(sizes, None)) from None
+
+    def fits(place: Place, size: float) -> bool:
+        with suppress(PatchError):
+            return place.on(mesh, size / _unit_mm(unit)) is place
+        return False
+
+    return those_that_fit(range(len(found)), checked, warnings)
+
+
+def those_that_fit(
+    asked: Iterable[Asked], measure: Callable[[Asked], Found], warnings: RunWarnings
+) -> list[Found]:
+    """What `measure` gives of each that is asked for. Warns of those of which it raises PatchError;
+    raises the first where it does so of all, and StrictError."""
+
+    def attempt(one: Asked) -> Found | PatchError:
+        try:
+            return measure(one)
+        except PatchError as error:
+            return error
+
+    every = [attempt(one) for one in asked]
+    beyond = [one for one in every if isinstance(one, PatchError)]
+    found = [one for one in every if not isinstance(one, PatchError)]
+    if not found:
+        raise beyond[0]
+    warnings.add(InputWarning(PATCH_SIZE, e.detail, f"patch {e.name}") for e in beyond)
+    warnings.refuse()
     return found
 
 
-def _regions(arguments: argparse.Namespace, read: MeshFile, unit: str, side: float) -> list[Place]:
-    """Patches of the regions that named expressions show."""
+def _sizes_below(size: float) -> Iterator[float]:
+    """Sizes to try in place of one that is too large, the largest first, to a tenth of it."""
+    ten = 10.0 ** math.floor(math.log10(size))
+    for tens in (ten, ten / 10):
+        yield from (n * tens for n in _STEPS if 0.1 * size <= n * tens < size)
+
+
+def _regions(
+    arguments: argparse.Namespace, read: MeshFile, unit: str
+) -> Callable[[float], list[Place]]:
+    """What gives patches of a side in mesh units, of the regions that named expressions show."""
     mesh, settings = read.mesh, AssetSettings()
     shapes = shape_files(arguments.shapes, read, cache_clip(arguments))
     expressions = expressions_for_lines(arguments.lines, shapes)
@@ -83,12 +149,16 @@ def _regions(arguments: argparse.Namespace, read: MeshFile, unit: str, side: flo
         raise InputError(f"--place {missing[0]}: the expressions show no such region: {there}")
 
     assert folds is not None
-    views = {view.region: view for view in skin_views(mesh, folds, udim, side)}
     corners = mesh.positions[mesh.faces[triangles_inside(mesh, udim)]].astype(float)
-    return [
-        Place.of(name, mesh, udim, Frame.of(corners[views[name].triangle]), arguments.along)
-        for name in arguments.place
-    ]
+
+    def chosen(side: float) -> list[Place]:
+        views = {view.region: view for view in skin_views(mesh, folds, udim, side)}
+        return [
+            Place.of(name, mesh, udim, Frame.of(corners[views[name].triangle]), arguments.along)
+            for name in arguments.place
+        ]
+
+    return chosen
 
 
 @contextmanager

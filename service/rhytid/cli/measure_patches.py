@@ -29,6 +29,23 @@ PIXELS = 400
 _MISSING = 1e-4
 
 
+class PatchError(InputError):
+    """A patch that reaches beyond the mesh or its UDIM.
+
+    missing: share of it that does.  fitting: the largest side that would fit, millimetres; None
+    where that is not known.
+    """
+
+    def __init__(self, name: str, missing: float, fitting: float | None = None) -> None:
+        way = "a smaller --size" if fitting is None else f"--size {fitting:g}"
+        self.name, self.missing = name, missing
+        self.detail = (
+            f"{100 * missing:.2g} % of it lies beside the mesh or in another UDIM: take {way} or "
+            "another place"
+        )
+        super().__init__(f"patch {name}: {self.detail}")
+
+
 @dataclass(frozen=True)
 class Strain:
     """A stretch of the whole mesh in the plane of a patch: factors of lengths along and across."""
@@ -86,8 +103,13 @@ class Place:
         before, after = (p[face].astype(np.float64) for p in (mesh.positions, positions))
         return Frame(self.weights @ after, self.frame.carried(before, after).axes)
 
+    def on(self, mesh: Mesh, side: float) -> Place:
+        """This place, whose square of `side` mesh units lies on the mesh; raises PatchError."""
+        self.seen(mesh, mesh.positions, self.frame, side)
+        return self
+
     def seen(self, mesh: Mesh, positions: Positions, frame: Frame, side: float) -> SurfacePatch:
-        """The square of `side` mesh units on the mesh at positions (V, 3). Raises InputError where
+        """The square of `side` mesh units on the mesh at positions (V, 3). Raises PatchError where
         it reaches beyond the mesh or its UDIM."""
         inside = triangles_inside(mesh, self.udim)
         corners = positions[mesh.faces[inside]].astype(np.float64)
@@ -95,10 +117,7 @@ class Place:
         found = surface_patch(corners, uv, frame, side, PIXELS)
         missing = 1.0 - found.seen.covered.mean()
         if missing > _MISSING:
-            raise InputError(
-                f"patch {self.name}: {100 * missing:.2g} % of it lies beside the mesh or in "
-                "another UDIM: take a smaller --size or another place"
-            )
+            raise PatchError(self.name, float(missing))
         return found
 
 

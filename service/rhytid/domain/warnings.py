@@ -24,6 +24,7 @@ SETTINGS_CHANGED = "settings-changed"
 SETTINGS_UNUSED = "settings-unused"
 ARRAYS_UNUSED = "arrays-unused"
 DEVICES_MIXED = "devices-mixed"
+PATCH_SIZE = "patch-size"
 SCAN_DEPTH = "scan-depth"
 SCAN_BITS = "scan-bits"
 SCAN_BLOCKS = "scan-blocks"
@@ -47,6 +48,7 @@ CODES = (
     SETTINGS_UNUSED,
     ARRAYS_UNUSED,
     DEVICES_MIXED,
+    PATCH_SIZE,
     SCAN_DEPTH,
     SCAN_BITS,
     SCAN_BLOCKS,
@@ -282,6 +284,11 @@ WARNINGS: dict[str, Meaning] = {
             "bake all frames by one kind of device: name it with `--device` or `RHYTID_DEVICE`, "
             "and install the same rhytid on all machines"
         ),
+    ),
+    PATCH_SIZE: Meaning(
+        "a patch of `measure`, beside others",
+        "part of it lies beside the mesh or in another UDIM: it is left out",
+        "measure it by itself with the `--size` that the text has, or at another place",
     ),
     SCAN_DEPTH: Meaning(
         "a map of scanned displacement",
