@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
 from rhytid.domain.wording import install_hint
 from rhytid.errors import RhytidError
 
-try:
+if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.ticker import LogFormatter
-except ImportError as error:
-    raise RhytidError(f"plots need matplotlib; {install_hint('lab')}") from error
+
+# Said before there is anything to plot; imported when there is, for it takes half a second.
+if find_spec("matplotlib") is None:
+    raise RhytidError(f"plots need matplotlib; {install_hint('lab')}")
 
 _INCHES, _DPI = (12.4, 7.6), 100
 
@@ -61,6 +64,9 @@ def _names(points: Sequence[Point]) -> list[str]:
 
 
 def _plane(x_title: str, y_title: str) -> tuple[Figure, Axes]:
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import LogFormatter
+
     figure = Figure(figsize=_INCHES, dpi=_DPI, layout="constrained")
     axes = figure.subplots()
     axes.set(xscale="log", yscale="log", xlabel=x_title, ylabel=y_title)

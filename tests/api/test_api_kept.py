@@ -31,6 +31,8 @@ from rhytid.engine.messages import MapQuery
 from rhytid.processes.remote_engine import RemoteEngine
 from rhytid.support.settings import ServiceSettings
 
+pytestmark = pytest.mark.usefixtures("no_maps_ahead")
+
 TILE = "tiles/1001/0/2/1"
 # Versions of a frame, each with tiles of its own.
 VERSIONS = 6

@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import pytest
-from openjd.model import decode_job_template
 
 from baking.bundles import SMALL, bake, template, values, write_shot
 from meshes import SmallMesh
@@ -27,6 +26,8 @@ def by_name(job: BakeJob) -> dict[str, dict[str, object]]:
 def test_a_bundle_has_all_that_a_farm_needs(
     tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    from openjd.model import decode_job_template  # takes a quarter of a second
+
     neutral, files = write_shot(tmp_path, small_mesh)
     bundle, out = tmp_path / "job", tmp_path / "maps"
     more = ("--openjd", str(bundle), "--chunk", "3", "--frame-range", "1-2,4", "--json", "-")

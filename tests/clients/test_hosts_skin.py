@@ -20,6 +20,8 @@ from rhytid_client.hosts import Cancelled, Display, MeshArrays, Progress, Server
 from rhytid_client.hosts.sequences import STANDARD, UDIM_LAST, UNPADDED, Style
 from rhytid_client.hosts.work import finish
 
+pytestmark = pytest.mark.usefixtures("no_maps_ahead")
+
 MESH = bumpy_grid(10, seed=1)
 TINY = {"graph": {"wrinkles": 200}, "tile_size": 256}
 

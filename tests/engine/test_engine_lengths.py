@@ -31,6 +31,9 @@ from rhytid.storage.store import AssetStore
 from rhytid.synthesis.pore_density import EDGES_PER_PORE, PACKING, SPACING
 from synthesis import sheets
 
+# Each spacing would have kernels of its own.
+pytestmark = pytest.mark.usefixtures("no_maps_ahead")
+
 # 4 cm a side: 9,700 wrinkles where pores are half a millimetre apart.
 MESH = sheets.sheet(scale=4.0)
 SIZE = {"resolution": 512, "tile_size": 256}

@@ -38,6 +38,9 @@ class NoRegistry:
         return after + 1
 
 
+pytestmark = pytest.mark.usefixtures("no_maps_ahead")
+
+
 @contextmanager
 def replica_of(tmp_path: Path, place: str, name: str) -> Iterator[tuple[ReplicaAssets, Engine]]:
     """The assets of a replica, over an engine in this process; nothing of it is left behind."""

@@ -65,14 +65,13 @@ def test_every_shape_gives_the_same_bits(device, kind):
 
 
 # Seven maps at once by three: 3, 3 and 1; by five: 2 with owners and 5; by more: all with owners.
-# Each number of maps is a program of its own, for a second.
+# All other tests draw all at once. Each number of maps is a program of its own, for a second.
 @pytest.mark.parametrize(
     ("merge", "bulge", "numbers"),
     [
-        ("soft", 1.0, (3, 99)),
-        ("mellow", 2.5, (5,)),
-        pytest.param("soft", 1.0, (5,), marks=pytest.mark.slow),
-        pytest.param("mellow", 2.5, (3, 99), marks=pytest.mark.slow),
+        ("soft", 1.0, (5,)),
+        pytest.param("soft", 1.0, (3, 99), marks=pytest.mark.slow),
+        pytest.param("mellow", 2.5, (3, 5, 99), marks=pytest.mark.slow),
     ],
 )
 def test_maps_drawn_at_once_are_those_drawn_alone(device, monkeypatch, merge, bulge, numbers):
@@ -95,6 +94,22 @@ def test_maps_drawn_at_once_are_those_drawn_alone(device, monkeypatch, merge, bu
     for most in numbers:
         for found, wanted in zip(maps(most), alone, strict=True):
             np.testing.assert_array_equal(found, wanted)
+
+
+def test_maps_in_two_parts_drawn_at_once_are_those_drawn_alone(device, monkeypatch):
+    """Bulges and furrows of `mellow`, by three, of straight lines alike: others are slow."""
+    bulges = {"wrinkle_bulge": 2.5, "pore_bulge": 2.5}
+    settings = settings_of(shape=bulges, bins={"merge": "mellow"})
+
+    def maps(most):
+        monkeypatch.setattr(Device, "maps_at_once", lambda *_: most)
+        tile = BinnedScene(device, sheet(), random_graph(41, 300), settings).tile
+        return stored_maps(device, tile, settings.bins)
+
+    alone = maps(1)
+    assert min(np.count_nonzero(codes) for codes in alone) > 50
+    for found, wanted in zip(maps(3), alone, strict=True):
+        np.testing.assert_array_equal(found, wanted)
 
 
 def test_blocks_are_drawn_whole_where_they_fit(device, small):

@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.stats import spearmanr
 
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
@@ -56,6 +55,12 @@ def depths(made: Synthesis) -> dict[tuple[int, ...], float]:
     return dict(zip(ends, depth.tolist(), strict=True))
 
 
+def ranked(values: list[float]) -> np.ndarray:
+    """Their ranks, of equal ones the mean; scipy.stats takes half a second to import."""
+    _, of, count = np.unique(values, return_inverse=True, return_counts=True)
+    return (np.cumsum(count) - 0.5 * (count - 1))[of]
+
+
 def test_at_35_skin_is_what_it_was(device: Device) -> None:
     plain = synthesize(MESH, EVEN, device).graph
     at_35 = synthesize(MESH, replace(EVEN, age=35.0), device).graph
@@ -79,7 +84,8 @@ def test_it_is_the_same_skin(device: Device, age: float, alike: float) -> None:
     both = one.keys() & two.keys()
     assert len(both) > 0.9 * len(one)
     # Which are deep stays; by how much does not.
-    assert spearmanr([one[k] for k in both], [two[k] for k in both])[0] > alike
+    ranks = [ranked([depth[k] for k in both]) for depth in (one, two)]
+    assert np.corrcoef(*ranks)[0, 1] > alike
     # And a small step of age is a small step of skin.
     near = depths(grown(device, 36.0))
     both = one.keys() & near.keys()

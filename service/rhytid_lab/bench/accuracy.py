@@ -6,10 +6,9 @@ from __future__ import annotations
 import statistics
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from rhytid.domain.asset_settings import BinSettings
 from rhytid.pipeline.bins import map_count
@@ -19,6 +18,9 @@ from rhytid_lab.bench.skin import Map, Skin
 from rhytid_lab.bench.subject import Subject
 from rhytid_lab.contact_sheets import relative_rms
 from rhytid_lab.plots import Point, scatter
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # The worst texels of a map, as a share of all.
 WORST = 0.001

@@ -6,10 +6,9 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rhytid.device.runtime import Device
@@ -20,6 +19,9 @@ from rhytid_lab.bench.frame import FrameBench
 from rhytid_lab.bench.subject import Grown, grow
 from rhytid_lab.plots import Point, curves
 from rhytid_lab.samples.sphere import sphere, sphere_stretch
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Of synthesis, as its progress calls them, and their sum.
 STAGES = ("pores", "edges", "crossings", "directions", "trails", "selection", "shapes", "all")
