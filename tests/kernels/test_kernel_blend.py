@@ -27,6 +27,15 @@ __kernel void one_tile(__global const int *firsts, __global const int2 *members,
     blend_vector(firsts, members, codes, 0, 0, coefficients, 0, unit, 16, 0.0f, 1.0f, out);
 }
 """
+GRAINY_TILE = """
+__kernel void grainy_tile(__global const int *firsts, __global const int2 *members,
+                          __global const CODE *codes, __global const float4 *coefficients,
+                          float unit, __global const char *grain, __global const float *gains,
+                          __global float *out)
+{
+    blend_vector(firsts, members, codes, 0, grain, coefficients, gains, unit, 16, 0.25f, 1.0f, out);
+}
+"""
 COEFFICIENTS = """
 __kernel void of_weights(__global const float4 *weights, __global const float *steps, float unit,
                          __global float4 *found)
@@ -92,7 +101,7 @@ def unit(maps):
     return np.float32(unit_of(AssetSettings.parse({**shape, "bins": {"merge": maps.merge}})))
 
 
-def blended(device, triangle, maps, *more):
+def blended(device, triangle, maps, *more, tile=("one_tile", ONE_TILE), grain=()):
     layers, _, samples, _ = maps.codes.shape
     tilt = maps.tilts is not None
     given = options(8 * maps.codes.itemsize, maps.merge, layers, samples, tilt)
@@ -100,8 +109,9 @@ def blended(device, triangle, maps, *more):
     tilts = [*maps.tilts[:, None], by_layer[0][:0]] if tilt else [by_layer[0][:0]] * layers
     codes = np.concatenate([m for pair in zip(by_layer, tilts, strict=True) for m in pair])
     arguments = [*placed(device, triangle, codes), coefficients(device, maps), unit(maps)]
-    text, out = rhytid_kernels.source("blend") + ONE_TILE, np.zeros(TEXELS, np.float32)
-    return run(device, text, "one_tile", (TEXELS // WIDTH,), arguments, out, [*given, *more])
+    text, out = rhytid_kernels.source("blend") + tile[1], np.zeros(TEXELS, np.float32)
+    size = (TEXELS // WIDTH,)
+    return run(device, text, tile[0], size, [*arguments, *grain], out, [*given, *more])
 
 
 def coefficients(device, maps):
@@ -175,6 +185,31 @@ def test_vectors_in_one_triangle_and_in_many_are_those_of_double(
     mixed = one_each.copy()
     mixed[5::48] = 89  # one stranger in some of the vectors
     check(device, mixed, made)
+
+
+@pytest.mark.parametrize("members", [1, 2, 3, 4, 5])
+def test_each_texel_of_a_vector_has_the_height_of_its_own_triangle(device, members):
+    made = maps(5, 3, 8, 90, "soft", tilt=True)
+    made.weights[1::2, :, 0] = made.weights[::2, :, 0] % 1  # some between the same samples
+    triangle = np.arange(TEXELS) // WIDTH + 17 * (np.arange(TEXELS) % members)
+    check(device, triangle % 90, made)
+
+
+@pytest.mark.parametrize("members", [1, 2, 3, 4])
+def test_each_texel_of_a_vector_has_the_grain_of_its_own_triangle(device, members):
+    made, rng = maps(2, 3, 8, 90, "soft"), np.random.default_rng(4)
+    triangle = (np.arange(TEXELS) // WIDTH + 17 * (np.arange(TEXELS) % members)) % 90
+    codes = rng.integers(-127, 128, TEXELS).astype(np.int8)
+    gains = rng.uniform(0.25, 4, 90).astype(np.float32)
+    plain = blended(device, triangle, made).astype(np.float64)
+    options = [
+        "-DGRAINY=1",
+        *(f"-D{name}={value}" for name, value in response_defines(False).items()),
+    ]
+    tile = ("grainy_tile", GRAINY_TILE)
+    found = blended(device, triangle, made, *options, tile=tile, grain=(codes, gains))
+    grain = 0.25 * codes * gains[triangle] * np.clip(1 + plain, 0.25, 1)  # less in furrows
+    np.testing.assert_allclose(found, plain + grain, atol=1e-4)
 
 
 @pytest.mark.parametrize("bits", [8, 16])

@@ -14,13 +14,13 @@ def lanes(values):
     return np.resize(values, (len(values) // WIDTH + 1, WIDTH)).astype(np.float32)
 
 
-def soft(device, *heights):
+def soft(device, *heights, more=()):
     """Of heights in units of 4 log(2)/beta, in order."""
     inputs = {f"h{i}": lanes(h) for i, h in enumerate(heights)}
     merged = "(merge_state_t)NOTHING_MERGED"
     for name in inputs:
         merged = f"accumulate({merged}, {name})"
-    options = ["-DMERGE=SOFT", "-DCODE_BITS=8"]
+    options = ["-DMERGE=SOFT", "-DCODE_BITS=8", *more]
     return evaluate(device, "merge", f"height_of({merged})", inputs, width=WIDTH, options=options)
 
 
@@ -58,3 +58,10 @@ def test_a_soft_merge_does_not_depend_on_the_order(device):
     found = soft(device, *heights)
     for _ in range(4):
         np.testing.assert_array_equal(soft(device, *rng.permutation(heights)), found)
+
+
+def test_valleys_alone_merge_to_the_same_bits_without_bulges(device):
+    heights = -np.abs(np.random.default_rng(2).normal(0, 1, (5, 500)))
+    heights[:, ::5] = 0.0
+    found = soft(device, *heights, more=["-DBULGING=0"])
+    np.testing.assert_array_equal(found, soft(device, *heights))

@@ -12,12 +12,23 @@
 #include "grain.clh"
 #endif
 
-// Linear between two neighbouring samples. Only these are read. coefficients: four, of weights.cl, read
-// one by one, so that each is loaded into all lanes at once.
-inline float16 between(__global const CODE *maps, __global const float *coefficients)
+// The codes of two neighbouring samples. place: the third coefficient. Only these are read.
+typedef struct {
+    float16 first, second;
+} neighbours_t;
+
+inline neighbours_t neighbours(__global const CODE *maps, float place)
 {
-    maps += CODES_BEFORE(coefficients[2]);
-    return FLOATS_OF(maps) * coefficients[0] + FLOATS_OF(maps + WIDTH) * coefficients[1];
+    maps += CODES_BEFORE(place);
+    neighbours_t n = {FLOATS_OF(maps), FLOATS_OF(maps + WIDTH)};
+    return n;
+}
+
+// Linear between them. coefficients: four, of weights.cl, read one by one, so that each is loaded into all
+// lanes at once.
+inline float16 between(neighbours_t codes, __global const float *coefficients)
+{
+    return codes.first * coefficients[0] + codes.second * coefficients[1];
 }
 
 // Algorithm 3, lines 11 to 14, as if every texel lay in one triangle, in units of the merge.
@@ -29,7 +40,7 @@ inline float16 blend_triangle(__global const CODE *maps, __global const float4 *
     for (int n = 0; n < LAYERS; n++) {
         __global const float *own = (__global const float *)(coefficients + n);
         for (int part = 0; part < PARTS; part++) {
-            float16 d = between(maps + LAYER_AT(n, part), own);
+            float16 d = between(neighbours(maps + LAYER_AT(n, part), own[2]), own);
 #if TILT
             if (n < LAYERS - 1)
                 d += d * (FLOATS_OF(maps + TILT_AT(n)) * own[3]);
@@ -38,6 +49,40 @@ inline float16 blend_triangle(__global const CODE *maps, __global const float4 *
         }
     }
     return height_of(merged);
+}
+
+// The same of two triangles at once, which mostly lie between the same samples: codes are made floats once.
+typedef struct {
+    float16 first, second;
+} two_heights_t;
+
+inline __attribute__((always_inline)) two_heights_t blend_two(__global const CODE *maps,
+                                                              __global const float4 *of_first,
+                                                              __global const float4 *of_second)
+{
+    merge_state_t first = NOTHING_MERGED, second = NOTHING_MERGED;
+    for (int n = 0; n < LAYERS; n++) {
+        __global const float *own = (__global const float *)(of_first + n);
+        __global const float *other = (__global const float *)(of_second + n);
+        for (int part = 0; part < PARTS; part++) {
+            neighbours_t codes = neighbours(maps + LAYER_AT(n, part), own[2]);
+            float16 d = between(codes, own);
+            if (as_int(own[2]) != as_int(other[2]))
+                codes = neighbours(maps + LAYER_AT(n, part), other[2]);
+            float16 e = between(codes, other);
+#if TILT
+            if (n < LAYERS - 1) {
+                const float16 tilt = FLOATS_OF(maps + TILT_AT(n));
+                d += d * (tilt * own[3]);
+                e += e * (tilt * other[3]);
+            }
+#endif
+            first = accumulate(first, d);
+            second = accumulate(second, e);
+        }
+    }
+    two_heights_t two = {height_of(first), height_of(second)};
+    return two;
 }
 
 // firsts, members: the triangles of each vector. codes: of each vector those of all maps, side by side
@@ -59,15 +104,25 @@ inline void blend_vector(__global const int *firsts, __global const int2 *member
     }
     codes += (size_t)i * VECTOR_CODES;
     ASK_AHEAD(codes, VECTOR_CODES);
-    float16 d = blend_triangle(codes, coefficients + members[member].x * LAYERS);
+    float16 d = 0.0f;
 #ifdef GRAINY
-    float16 gain = gains[members[member].x];
+    float16 gain = 0.0f;
 #endif
-    for (member++; member < end; member++) {
-        float16 other = blend_triangle(codes, coefficients + members[member].x * LAYERS);
-        d = select(d, other, lanes_of(members[member].y));
+    if ((end - member) & 1) { // one alone, then two at a time
+        const int triangle = members[member++].x;
+        d = blend_triangle(codes, coefficients + triangle * LAYERS);
 #ifdef GRAINY
-        gain = select(gain, (float16)(gains[members[member].x]), lanes_of(members[member].y));
+        gain = gains[triangle];
+#endif
+    }
+    for (; member < end; member += 2) {
+        const int2 first = members[member], second = members[member + 1];
+        const two_heights_t two =
+            blend_two(codes, coefficients + first.x * LAYERS, coefficients + second.x * LAYERS);
+        d = select(select(d, two.first, lanes_of(first.y)), two.second, lanes_of(second.y));
+#ifdef GRAINY
+        gain = select(gain, (float16)(gains[first.x]), lanes_of(first.y));
+        gain = select(gain, (float16)(gains[second.x]), lanes_of(second.y));
 #endif
     }
     d *= unit;

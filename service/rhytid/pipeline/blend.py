@@ -35,7 +35,7 @@ from rhytid.pipeline.cushion_layer import APRON
 from rhytid.pipeline.grain import grain_amplitude, grain_exponent, relief
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.nearby import Groups
-from rhytid.pipeline.reach import SCALE_LIMIT, response_defines
+from rhytid.pipeline.reach import SCALE_LIMIT, bulging, response_defines
 from rhytid.pipeline.smooth import SmoothFields
 from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR
@@ -126,6 +126,7 @@ class Blend:
             "PARTS": len(parts(bins)),
             "MERGE": MERGES[bins.merge],
             "MAPS": map_count(bins),
+            "BULGING": int(bulging(settings.shape)),
             **device.ahead_defines,
         }
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.errors import LimitError
 from rhytid.pipeline.cells import CellLists, list_by_cell, stable_order
@@ -28,6 +28,11 @@ def response_defines(soft_limits: bool) -> dict[str, object]:
     """The defines of response.clh."""
     soft = {"SOFT_LIMITS": 1} if soft_limits else {}
     return {"SCALE_LIMIT": f"{SCALE_LIMIT}f", **soft}
+
+
+def bulging(shape: ShapeSettings) -> bool:
+    """Whether the profile of any element changes sign."""
+    return max(shape.wrinkle_bulge, shape.pore_bulge) > 1.0
 
 
 def widest(exponent: float, log_stretch_limit: float) -> float:

@@ -20,7 +20,7 @@ from rhytid.pipeline.cushion import draw_cushion
 from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.nearby import Groups, NearbyGroups
-from rhytid.pipeline.reach import response_defines
+from rhytid.pipeline.reach import bulging, response_defines
 from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.work import BLOCK, Place
 
@@ -211,16 +211,11 @@ def redrawing(
                 device, "redraw", "redraw", settings, elements, square,
                 *elements.line_arguments, scales.wrinkles, *_both(elements.wrinkle_lists),
                 elements.centres, elements.roots, scales.pores, *_both(elements.pore_lists),
-                into=(*coarse, out), defines={**defines, "BULGING": int(_bulging(settings.shape))},
+                into=(*coarse, out), defines={**defines, "BULGING": int(bulging(settings.shape))},
             )  # fmt: skip
         return out
 
     return draw
-
-
-def _bulging(shape: ShapeSettings) -> bool:
-    """Whether the profile of any element changes sign."""
-    return max(shape.wrinkle_bulge, shape.pore_bulge) > 1.0
 
 
 @contextmanager
