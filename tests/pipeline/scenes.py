@@ -15,7 +15,8 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import udim_origin
-from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.element_arrays import pore_arrays, wrinkle_arrays
+from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.levels import render_to_host
 from rhytid.pipeline.locate import locate_points
 from rhytid.pipeline.redraw import redrawing, respond

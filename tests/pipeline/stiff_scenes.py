@@ -12,7 +12,8 @@ from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.tiles import udim_origin
 from rhytid.pipeline.bin_maker import BinMaker
 from rhytid.pipeline.blend import Blend
-from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.element_arrays import pore_arrays, wrinkle_arrays
+from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.levels import render_to_host
 from rhytid.pipeline.locate import locate_points
 from rhytid.pipeline.redraw import redrawing, respond

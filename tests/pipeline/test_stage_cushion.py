@@ -23,7 +23,7 @@ from rhytid.pipeline.bins import ShareRange
 from rhytid.pipeline.blend import CushionBlend
 from rhytid.pipeline.cushion import SAMPLES, CushionMaker
 from rhytid.pipeline.cushion_layer import THRESHOLD, broad_weight, coarse_factor, narrow_weight
-from rhytid.pipeline.elements import check_cover, wrinkle_arrays
+from rhytid.pipeline.element_arrays import check_cover, wrinkle_arrays
 from rhytid.pipeline.work import BLOCK
 
 # What cushion.cl claims, of the coarse map, and draw.clh of the fine one.

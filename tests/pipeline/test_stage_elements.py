@@ -15,7 +15,8 @@ from reference.response import scales
 from rhytid.domain.tiles import udim_origin
 from rhytid.errors import LimitError
 from rhytid.pipeline import reach
-from rhytid.pipeline.elements import check_cover, orientation_bins, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.element_arrays import check_cover, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.elements import orientation_bins
 from rhytid.pipeline.reach import widest
 from rhytid.pipeline.work import BLOCK
 

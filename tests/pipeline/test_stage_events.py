@@ -14,7 +14,7 @@ from reference.inputs import Response
 from rhytid.domain.events import EVENT_NAMES, MOST_KIND
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.errors import GraphError
-from rhytid.pipeline.elements import check_cover, pore_arrays
+from rhytid.pipeline.element_arrays import check_cover, pore_arrays
 from rhytid.pipeline.event_elements import EventElements, event_arrays
 from rhytid.pipeline.events import add_events, event_scales, fill_events
 from rhytid.pipeline.stretch import StretchStage

@@ -17,7 +17,7 @@ from rhytid.domain.tiles import udim_origin
 from rhytid.errors import LimitError
 from rhytid.pipeline import cells
 from rhytid.pipeline.cells import cells_that_fit, list_by_cell
-from rhytid.pipeline.elements import wrinkle_arrays
+from rhytid.pipeline.element_arrays import wrinkle_arrays
 from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.vectors import VECTOR
 

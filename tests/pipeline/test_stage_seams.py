@@ -21,7 +21,8 @@ from rhytid.domain.mesh import Mesh
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.element_arrays import pore_arrays, wrinkle_arrays
+from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.redraw import respond
 from rhytid.pipeline.stretch import StretchStage
 from rhytid.synthesis.generate import synthesize

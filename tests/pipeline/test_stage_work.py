@@ -13,7 +13,7 @@ from rhytid.device.launches import PIECE_SECONDS, DrawingPace
 from rhytid.errors import LimitError
 from rhytid.pipeline import measured_shape, work
 from rhytid.pipeline.cells import list_by_cell
-from rhytid.pipeline.elements import check_cover, wrinkle_arrays
+from rhytid.pipeline.element_arrays import check_cover, wrinkle_arrays
 from rhytid.pipeline.measured_shape import remembered_pace
 from rhytid.pipeline.work import BLOCK, DrawLimit, MapWork, work_around, work_by_cell
 

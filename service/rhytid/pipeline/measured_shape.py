@@ -23,7 +23,8 @@ from rhytid.device.select import recall, remember
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import DeviceError
 from rhytid.pipeline.cells import CellLists
-from rhytid.pipeline.elements import PoreArrays, UdimElements, WrinkleArrays
+from rhytid.pipeline.element_arrays import PoreArrays, WrinkleArrays
+from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.reach import list_by_block
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing

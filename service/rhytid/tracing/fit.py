@@ -18,7 +18,8 @@ from rhytid.device.buffer import Buffer
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import CUSHION_THRESHOLD, AssetSettings
 from rhytid.domain.graph import WrinkleGraph
-from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.element_arrays import pore_arrays, wrinkle_arrays
+from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.levels import Draw, render_to_host
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing
 from rhytid.support import cancellation

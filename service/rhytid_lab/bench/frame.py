@@ -27,7 +27,8 @@ from rhytid.engine.assets.graphs import graph_lengths, mean_spacing
 from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.convolve import Convolve, NeutralTile
-from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.element_arrays import pore_arrays, wrinkle_arrays
+from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.grain import (
     Grain,
     GrainPlace,

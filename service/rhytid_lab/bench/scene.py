@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.bins import directions, quantisation_steps
-from rhytid.pipeline.elements import PoreArrays, WrinkleArrays
+from rhytid.pipeline.element_arrays import PoreArrays, WrinkleArrays
 
 Floats = NDArray[np.float32]
 

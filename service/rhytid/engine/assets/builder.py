@@ -35,7 +35,7 @@ from rhytid.errors import (
     RhytidError,
     public_message,
 )
-from rhytid.pipeline.elements import check_cover
+from rhytid.pipeline.element_arrays import check_cover
 from rhytid.pipeline.work import DrawLimit
 from rhytid.storage.records import StoredRequest
 from rhytid.storage.store import AssetStore

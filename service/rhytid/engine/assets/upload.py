@@ -22,7 +22,7 @@ from rhytid.engine.assets.graphs import check_graph
 from rhytid.engine.frames import FrameMemory
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError, MeshError
-from rhytid.pipeline.elements import check_cover
+from rhytid.pipeline.element_arrays import check_cover
 from rhytid.pipeline.work import DrawLimit
 from rhytid.storage.asset_ids import asset_id
 

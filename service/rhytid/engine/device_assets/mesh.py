@@ -27,14 +27,8 @@ from rhytid.errors import NotFoundError
 from rhytid.pipeline.bins import EVEN, ShareRange
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.convolve import Convolve, SmoothConvolve
-from rhytid.pipeline.elements import (
-    LineSources,
-    PoreArrays,
-    UdimElements,
-    WrinkleArrays,
-    pore_arrays,
-    wrinkle_arrays,
-)
+from rhytid.pipeline.element_arrays import PoreArrays, WrinkleArrays, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.elements import LineSources, UdimElements
 from rhytid.pipeline.event_elements import EventArrays, event_arrays
 from rhytid.pipeline.grain import relief_shares
 from rhytid.pipeline.locate import UdimTriangles, locate_points
