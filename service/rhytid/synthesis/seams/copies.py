@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -12,11 +13,11 @@ from numpy.typing import NDArray
 from rhytid.domain.asset_settings import CUSHION_THRESHOLD, ResponseSettings, ShapeSettings
 from rhytid.domain.graph import LEAST_SIZE, ORIGINAL, STEEPEST
 from rhytid.domain.mesh import UV_LIMIT
-from rhytid.synthesis.progress import Progress, part, silent
+from rhytid.synthesis.progress import Progress, over_rows, part, silent
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.footprints import Footprints, Placements
 from rhytid.synthesis.seams.seams import FURTHER, PLACES, WIDEST, Seams
-from rhytid.synthesis.surface import BoolArray, FloatArray, Surface, cross
+from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Surface, cross
 
 # The arrays of a graph while it is put together, by their names in WrinkleGraph.
 Arrays = dict[str, NDArray[Any]]
@@ -39,7 +40,8 @@ def with_copies(
     """The arrays of a graph with the copies of its pores and wrinkles after these; themselves
     where nothing reaches over a seam.
 
-    arrays: with metrics and triangles, and with `*_copy_of`.  spacing: on the surface, the least
+    arrays: with metrics and triangles, and with `*_copy_of`; replaced in their dictionary one by
+    one, so that no more than one is there twice.  spacing: on the surface, the least
     of neighbouring pores.
     """
     if len(borders.seams):
@@ -49,10 +51,9 @@ def with_copies(
         found = pores, copied_wrinkles(arrays, surface, borders, seams, of_wrinkles)
         first = len(arrays["node_uv"]) + len(found[0]["node_uv"])
         found[1]["edge_nodes"] += first
-        arrays = {
-            name: np.concatenate([array, *(part[name] for part in found if name in part)])
-            for name, array in arrays.items()
-        }
+        for name in arrays:
+            more = [part[name] for part in found if name in part]
+            arrays[name] = np.concatenate([arrays[name], *more])
     return _without_empty(arrays)
 
 
@@ -68,14 +69,14 @@ def copied_pores(
     arrays: Arrays, borders: Borders, seams: Seams, progress: Progress = silent
 ) -> Arrays:
     """The nodes of the copies of pores, by their names in a graph."""
-    own = (arrays["node_copy_of"] == ORIGINAL) & (arrays["node_weight"] > 0)
-    rows = np.flatnonzero(own)
-    centre = arrays["node_uv"][rows].astype(np.float64)
-    chart = borders.chart[arrays["node_triangle"][rows]]
-    metric = full(arrays["node_metric"][rows])
-    none, widest = np.zeros_like(centre), np.full(len(rows), WIDEST)
-    footprints = Footprints(centre, none, roots(metric), chart, widest, none)
-    placements = seams.placements(footprints, progress)
+    own = np.flatnonzero((arrays["node_copy_of"] == ORIGINAL) & (arrays["node_weight"] > 0))
+
+    def footprints_of(rows: slice) -> list[Footprints]:
+        return [_ellipses(arrays, borders, own[rows])[0]]
+
+    rows = own[_near_borders(seams, len(own), footprints_of)]
+    footprints, metric = _ellipses(arrays, borders, rows)
+    centre, placements = footprints.start, seams.placements(footprints, progress)
     there = turned(metric[placements.of], placements.turn)
     radius = arrays["node_radius"][rows[placements.of]] * placements.growth()
     place = placements.at(centre[placements.of])
@@ -105,13 +106,20 @@ def copied_wrinkles(
     metrics, and slopes in these, in place. Both halves of a wrinkle that is cut at a seam are
     copied.
     """
-    footprints, metric = _round_on_surface(arrays, surface, borders)
+
+    def footprints_of(rows: slice) -> list[Footprints]:
+        own, _ = _round_on_surface(arrays, surface, borders, rows)
+        return [own, _round_in_uv(arrays, own, rows)]
+
+    rows = _near_borders(seams, len(arrays["edge_weight"]), footprints_of)
+    footprints, metric = _round_on_surface(arrays, surface, borders, rows)
     placements = seams.placements(footprints, progress)
-    placements, width = _held(arrays, footprints, metric, placements)
-    _give_metrics(arrays, seams, footprints, metric, placements)
-    of, count = placements.of, len(placements)
+    half_width = arrays["edge_half_width"][rows].astype(np.float64)
+    placements, width = _held(half_width, footprints, metric, placements)
+    _give_metrics(arrays, rows, seams, footprints, metric, placements)
+    of, count = rows[placements.of], len(placements)
     mirrored = np.sign(np.linalg.det(placements.turn)).astype(np.float32)
-    wider = (width / arrays["edge_half_width"][of].astype(np.float64))[:, None]
+    wider = (width / half_width[placements.of])[:, None]
     end_widths = np.clip(arrays["edge_end_half_widths"][of] * wider, LEAST_SIZE, 1.0)
     pores, whole = arrays["edge_nodes"][of].ravel(), arrays["edge_copy_of"][of]
     first = arrays["node_copy_of"][pores]
@@ -130,7 +138,7 @@ def copied_wrinkles(
         "edge_half_width": width.astype(np.float32),
         "edge_triangle": landing,
         "edge_copy_of": np.where(whole == ORIGINAL, of, whole).astype(np.int32),
-        "edge_metric": flat(turned(metric[of], placements.turn)),
+        "edge_metric": flat(turned(metric[placements.of], placements.turn)),
         "edge_slopes": arrays["edge_slopes"][of] * mirrored[:, None],
         "edge_end_weights": arrays["edge_end_weights"][of],
         "edge_end_half_widths": end_widths.astype(np.float32),
@@ -139,16 +147,49 @@ def copied_wrinkles(
     }
 
 
+def _near_borders(
+    seams: Seams, count: int, footprints_of: Callable[[slice], list[Footprints]]
+) -> IntArray:
+    """Of so many elements those that may reach a border of a chart, ascending.
+
+    footprints_of: makes what some of them cover, in every way that they are looked at.
+    """
+    near = np.zeros(count, np.bool_)
+
+    def look(rows: slice) -> None:
+        for footprints in footprints_of(rows):
+            near[rows.start + seams.nearby(footprints)] = True
+
+    over_rows(count, look)
+    return np.flatnonzero(near)
+
+
+def _ellipses(arrays: Arrays, borders: Borders, rows: IntArray) -> tuple[Footprints, FloatArray]:
+    """Pores of rows (K,), and their metrics."""
+    centre = arrays["node_uv"][rows].astype(np.float64)
+    chart = borders.chart[arrays["node_triangle"][rows]]
+    metric = full(arrays["node_metric"][rows])
+    none, widest = np.zeros_like(centre), np.full(len(rows), WIDEST)
+    return Footprints(centre, none, roots(metric), chart, widest, none), metric
+
+
 def _held(
-    arrays: Arrays, footprints: Footprints, metric: FloatArray, placements: Placements
+    half_width: FloatArray, footprints: Footprints, metric: FloatArray, placements: Placements
 ) -> tuple[Placements, FloatArray]:
-    """The placements that a graph can hold, and the half width (T,) of each."""
+    """The placements that a graph can hold, and the half width (T,) of each.
+
+    half_width (K,): of the elements in their own charts.
+    """
     start, stop = _ends(footprints, placements)
     length = np.linalg.norm(stop - start, axis=-1)
     # A strip covers det times the area in the other chart, and is as much longer as it is.
     before = np.linalg.norm(footprints.step[placements.of], axis=-1)
-    half = arrays["edge_half_width"][placements.of].astype(np.float64)
-    width = half * placements.growth() ** 2 * before / np.maximum(length, LEAST_SIZE)
+    width = (
+        half_width[placements.of]
+        * placements.growth() ** 2
+        * before
+        / np.maximum(length, LEAST_SIZE)
+    )
     there = turned(metric[placements.of], placements.turn)
     kept = np.flatnonzero(
         holds(there, start) & holds(there, stop) & holds(metric[placements.of], start)
@@ -165,20 +206,31 @@ def _ends(footprints: Footprints, placements: Placements) -> tuple[FloatArray, F
 
 
 def _give_metrics(
-    arrays: Arrays, seams: Seams, footprints: Footprints, metric: FloatArray, placements: Placements
+    arrays: Arrays,
+    rows: IntArray,
+    seams: Seams,
+    footprints: Footprints,
+    metric: FloatArray,
+    placements: Placements,
 ) -> None:
     """Give a metric to each wrinkle that is copied, and to each that would reach a seam if it were
     drawn as wide in UV in every direction: a wrinkle that does not reach the seam on the surface
-    must not be seen there."""
-    half_width = arrays["edge_half_width"].astype(np.float64)
-    even = np.eye(2) / half_width[:, None, None]
-    over = seams.reaching(
-        replace(footprints, root=even, slopes=arrays["edge_slopes"].astype(np.float64))
-    )
+    must not be seen there.
+
+    rows (K,): of the wrinkles that the footprints are of.
+    """
+    over = seams.reaching(_round_in_uv(arrays, footprints, rows))
     over = over[holds(metric[over], footprints.start[over])]
-    rows = np.union1d(over, placements.of)
-    arrays["edge_metric"][rows] = flat(metric[rows])
-    arrays["edge_slopes"][rows] = footprints.slopes[rows]
+    given = np.union1d(over, placements.of)
+    arrays["edge_metric"][rows[given]] = flat(metric[given])
+    arrays["edge_slopes"][rows[given]] = footprints.slopes[given]
+
+
+def _round_in_uv(arrays: Arrays, footprints: Footprints, rows: IntArray | slice) -> Footprints:
+    """The same wrinkles as wide in UV in every direction."""
+    half_width = arrays["edge_half_width"][rows].astype(np.float64)
+    slopes = arrays["edge_slopes"][rows].astype(np.float64)
+    return replace(footprints, root=np.eye(2) / half_width[:, None, None], slopes=slopes)
 
 
 def _in_metric(
@@ -199,28 +251,30 @@ def _in_metric(
 
 
 def _round_on_surface(
-    arrays: Arrays, surface: Surface, borders: Borders
+    arrays: Arrays, surface: Surface, borders: Borders, rows: IntArray | slice
 ) -> tuple[Footprints, FloatArray]:
-    """Wrinkles whose ends are round on the surface, as wide as they are, and their metrics.
+    """Wrinkles of rows (K,) with ends that are round on the surface, as wide as they are, and their
+    metrics.
 
     Round in UV an end would reach many times as far on the surface where the UV are stretched.
     """
-    ends = arrays["node_uv"][arrays["edge_nodes"]].astype(np.float64)
-    step, triangle = ends[:, 1] - ends[:, 0], arrays["edge_triangle"]
+    ends = arrays["node_uv"][arrays["edge_nodes"][rows]].astype(np.float64)
+    step, triangle = ends[:, 1] - ends[:, 0], arrays["edge_triangle"][rows]
     longer = np.linalg.norm(surface.along(triangle, step), axis=-1) / np.linalg.norm(step, axis=-1)
-    width = arrays["edge_half_width"] * surface.density[triangle] / longer
+    width = arrays["edge_half_width"][rows] * surface.density[triangle] / longer
     jacobian = surface.jacobian[triangle]
     metric = jacobian.transpose(0, 2, 1) @ jacobian / np.square(width)[:, None, None]
-    widest = np.where(_swells(arrays), _BROADEST, WIDEST)
+    widest = np.where(_swells(arrays, rows), _BROADEST, WIDEST)
     chart = borders.chart[triangle]
     root = roots(metric)
-    slopes = _in_metric(arrays["edge_slopes"], root, step).astype(np.float64)
+    slopes = _in_metric(arrays["edge_slopes"][rows], root, step).astype(np.float64)
     return Footprints(ends[:, 0], step, root, chart, widest, slopes), metric
 
 
-def _swells(arrays: Arrays) -> BoolArray:
-    """(W,) whether a wrinkle is in the broad layer, anywhere along it."""
-    strongest = np.maximum(arrays["edge_weight"], arrays["edge_end_weights"].max(axis=1))
+def _swells(arrays: Arrays, rows: IntArray | slice) -> BoolArray:
+    """(K,) whether a wrinkle is in the broad layer, anywhere along it."""
+    at_ends = arrays["edge_end_weights"][rows].max(axis=1)
+    strongest = np.maximum(arrays["edge_weight"][rows], at_ends)
     swells: BoolArray = strongest > CUSHION_THRESHOLD
     return swells
 

@@ -65,11 +65,15 @@ class Seams:
             found.append(some[np.unique(item[near < one.widest[item]])])
         return np.concatenate(found)
 
+    def nearby(self, footprints: Footprints) -> IntArray:
+        """Rows of the footprints that may reach a border, where there are seams."""
+        if self._places.open.all() or not len(footprints):
+            return np.zeros(0, np.int64)
+        return self._places.nearby(footprints)
+
     def _blocks(self, footprints: Footprints) -> list[IntArray]:
         """Rows of the footprints that may reach a border, a block of them at a time."""
-        if self._places.open.all() or not len(footprints):
-            return []
-        near = self._places.nearby(footprints)
+        near = self.nearby(footprints)
         if not len(near):
             return []
         # An element may come to have many placements, each of which reaches as much.
