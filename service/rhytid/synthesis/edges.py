@@ -226,8 +226,8 @@ def _found(
     partners, partners_of = _launched(work, shared, start, count, room)
     most = int(partners_of.max())
     if most <= room:
-        edge, slot = np.nonzero(np.arange(room) < partners_of[:, None])
-        yield np.stack([edge.astype(np.int32) + np.int32(start), partners[edge, slot]], axis=-1)
+        edge = np.repeat(np.arange(start, start + count, dtype=np.int32), partners_of)
+        yield np.stack([edge, partners[np.arange(room) < partners_of[:, None]]], axis=-1)
         return
     step = max(_BLOCK * _PARTNERS // most, 1)
     for first in range(start, start + count, step):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.synthesis.fields import Fields
-from rhytid.synthesis.progress import ROWS
+from rhytid.synthesis.progress import over_rows
 from rhytid.synthesis.surface import FloatArray, Surface
 
 # Centres per r² once all darts are thrown, r the radius of the discs. (Thrown for ever, discs jam
@@ -42,6 +42,8 @@ FAINTEST_PRIMARY, PRIMARY_STRENGTH = 0.675, 1.468
 # Places looked at in all to tell the room of a surface, and along a side of one triangle: their
 # coordinates then take 10 MB.
 _LOOKS, _FINEST = 1 << 20, 512
+# Places that a thread looks at together: what is computed on the way stays in the cache.
+_TOGETHER = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -114,13 +116,23 @@ def relative_densities(
     """
     most, mean = np.empty(len(carriers)), np.empty(len(carriers))
     for cut in np.unique(cuts):
-        places, nodes = _places(int(cut))
         chosen = np.flatnonzero(cuts == cut)
-        step = max(ROWS // len(places), 1)
-        for first in range(0, len(chosen), step):
-            rows = chosen[first : first + step]
-            share = _relative_densities_at(surface, fields, carriers[rows], places)
-            most[rows], mean[rows] = share.max(axis=1), share[:, nodes:].mean(axis=1)
+        most[chosen], mean[chosen] = _sampled(surface, fields, carriers[chosen], int(cut))
+    return most, mean
+
+
+def _sampled(
+    surface: Surface, fields: Fields, triangle: NDArray[np.intp], cut: int
+) -> tuple[FloatArray, FloatArray]:
+    """`relative_densities` of triangles (T,) whose sides are cut into so many parts."""
+    places, nodes = _places(cut)
+    most, mean = np.empty(len(triangle)), np.empty(len(triangle))
+
+    def find(rows: slice) -> None:
+        share = _relative_densities_at(surface, fields, triangle[rows], places)
+        most[rows], mean[rows] = share.max(axis=1), share[:, nodes:].mean(axis=1)
+
+    over_rows(len(triangle), find, max(_TOGETHER // len(places), 1))
     return most, mean
 
 

@@ -35,8 +35,8 @@ DARTS = (2.0, 3.0, 4.0, 5.0, 6.0)
 BATCH, MOST_AT_A_TIME = 1 << 20, 1 << 23
 # Of a surface without pores at most so many are thrown first.
 _FIRST = 1 << 16
-# As many times more where pores leave at most one of so many to be more than looked at.
-_FEWER = 2
+# As many times more, at most, as pores leave one of so many to be more than looked at.
+_FEWER = 8
 # A pore this much beyond the radius is still too close: what the device rounds.
 _ROUNDING = 1.0 + 1e-6
 _SPARE = 1024
@@ -251,7 +251,7 @@ class Darts:
         self._work, self._fields, self._seed = work, fields, np.uint32(seed)
         self._even = fields.least_spacing == fields.most_spacing == 1.0
         self._least = work.upload(fields.closest(carriers))
-        self._limit, self._few = most, False
+        self._limit, self._one_of = most, 1
         places = self.lattice.places(surface.corners[carriers])
         places[:, 1:] -= places[:, :1]
         normals = surface.normals[carriers].astype(np.float32)
@@ -293,7 +293,7 @@ class Darts:
         one. None has more than can be thrown at a time. In the first turn each has as many as those
         before it together: the pores that these leave keep most of the others from being looked
         at."""
-        limit = self._limit * (_FEWER if self._few else 1)
+        limit = self._limit * min(self._one_of, _FEWER)
         found, left = [], [(0, 1)]
         while left:
             part, parts = left.pop()
@@ -310,7 +310,7 @@ class Darts:
         """Darts of a throw of `every`.  each: arguments of kernels that say where one is."""
         chosen = self._sifted(every, each, among)
         work, count = self._work, len(chosen)
-        self._few = _FEWER * count <= every
+        self._one_of = every // max(count, 1)
         work.release(*self._made.values())
         self._made = made = {
             name: work.empty(count * n, kind) for name, (n, kind) in _OF_DARTS.items()
@@ -337,7 +337,7 @@ class Darts:
             "darts", "sift_darts", -(-every // _TOGETHER), every, *each, self._least, *among.lists,
             found,
         )  # fmt: skip
-        may = self._work.read(found, (every,), np.uint8)
+        may = self._work.read(found, (every,), np.bool_)
         self._work.release(found)
         return np.flatnonzero(may).astype(np.int32)
 

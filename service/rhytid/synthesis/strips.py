@@ -15,7 +15,7 @@ Doubles = NDArray[np.float64]
 # What others are left at least, of what they would take.
 _LEFT = 0.2
 # Pores that ask at a time: there are some hundred times as many pairs.
-_ASKING = 1 << 14
+_ASKING = 1 << 12
 _TINY = 1e-300
 # Pairs of a pore that asks and one around it: which of the asking, which of all, how near.
 _Pairs = tuple[NDArray[np.intp], NDArray[np.intp], Doubles]
@@ -51,14 +51,12 @@ class Strips:
         count = len(self.position)
         leading, others = self.pores[lead], self.mass.copy()
         others[lead] = 0.0
-        asked, there = (
-            _at_pores(leading, self.mass[lead] * takes, count),
-            _at_pores(self.pores, others, count),
-        )
-        farthest = np.zeros(count)
+        there = _at_pores(self.pores, others, count)
+        del others
+        asked, farthest = _at_pores(leading, self.mass[lead] * takes, count), np.zeros(count)
         np.maximum.at(farthest, leading, strip[:, None])
         asking, asks, of_all = np.flatnonzero(asked > 0), [], np.zeros(count)
-        for some, (one, two, near) in self._pairs(asking, farthest):
+        for some, (one, two, near) in self._pairs(asking, farthest[asking]):
             offered = near * there[two]
             total = np.maximum(np.bincount(one, offered, len(some)), _TINY)
             offered *= (asked[some] / total)[one]
@@ -68,21 +66,24 @@ class Strips:
         least, got = np.minimum(1.0, (1.0 - _LEFT) / np.maximum(of_all, _TINY)), np.zeros(count)
         for some, of, by, offered in asks:
             got[some] = np.bincount(of, offered * least[by], len(some))
-        return got / np.maximum(asked, _TINY), of_all * least
+        got /= np.maximum(asked, _TINY)
+        of_all *= least
+        return got, of_all
 
     def _pairs(
         self, asking: NDArray[np.intp], farthest: Doubles
     ) -> Iterator[tuple[NDArray[np.intp], _Pairs]]:
         """Some of the pores that ask for something (A,), and the pairs of these and those around
-        them, ordered; nearness is 1 to 0.  farthest (N,): how far each asks, in pore spacings."""
+        them, ordered; nearness is 1 to 0.  farthest (A,): how far each asks, in pore spacings."""
         # Trees that are asked once are not worth balancing.
         quick = {"balanced_tree": False, "compact_nodes": False}
         every = scipy.spatial.cKDTree(self.position, **quick) if len(asking) else None
         for first in range(0, len(asking), _ASKING):
             cancellation.check()
-            some, found = asking[first : first + _ASKING], []
-            for reach in np.unique(farthest[some]):
-                of = np.flatnonzero(farthest[some] == reach)
+            rows, found = slice(first, first + _ASKING), []
+            some = asking[rows]
+            for reach in np.unique(farthest[rows]):
+                of = np.flatnonzero(farthest[rows] == reach)
                 tree = scipy.spatial.cKDTree(self.position[some[of]], **quick)
                 reach *= self.spacing
                 near = tree.sparse_distance_matrix(every, reach, output_type="ndarray")
