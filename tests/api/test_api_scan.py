@@ -20,6 +20,7 @@ from engine.engines import running
 from exr_images import exr
 from reference import tracing as reference
 from rhytid.formats.graphs import read_graph
+from rhytid.processes.decoding import limits
 from rhytid_client import Client, RequestError
 
 SIDE, RANGE = 256, 0.02
@@ -132,8 +133,10 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
+@pytest.mark.usefixtures("decoded_here")
 @pytest.mark.parametrize("kind", BAD)
-def test_bad_parts_are_named(client: Client, kind: str) -> None:
+def test_bad_parts_are_named(client: Client, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(limits, "is_light", lambda parts: True)  # else each starts a process
     given, said = BAD[kind]
     with pytest.raises(RequestError, match=said) as raised:
         created(client, **given)

@@ -15,6 +15,8 @@ from meshes import SmallMesh
 from rhytid.cli import main
 from rhytid.formats.meshes import read_mesh
 
+pytestmark = pytest.mark.usefixtures("decoded_here")
+
 FLAT = 32768
 
 

@@ -78,6 +78,7 @@ def codes(texels: NDArray[Any]) -> NDArray[np.uint16]:
     return np.rint(texels * 65535).astype(np.uint16)
 
 
+@pytest.mark.usefixtures("decoded_here")
 @pytest.mark.parametrize(
     ("data", "wanted"),
     [
