@@ -31,7 +31,6 @@ from rhytid.synthesis.leader_families import (
 )
 from rhytid.synthesis.leaders import LeaderPores, Leaders, leaders_of, unit_length
 from rhytid.synthesis.painted_fields import fields_of
-from rhytid.synthesis.patches import Patches
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.charts import neighbours
 from rhytid.synthesis.surface import Surface
@@ -431,22 +430,6 @@ def test_pores_stay_apart_around_leaders(device: Device) -> None:
     nearest = cKDTree(place).query(place, k=2)[0][:, 1]
     assert nearest.min() > 0.85 * made.spacing / 1.0935 * 0.999
     assert made.distance == pytest.approx(even.distance, rel=0.02)
-
-
-def test_they_run_on_through_patches(device: Device) -> None:
-    settings = GraphSettings(wrinkles=4 * COUNT, patches=2.0)
-    graph = synthesize(MESH, settings, device, folds=folds()).graph
-    surface, first = Surface.of(MESH), graph.edge_nodes[:, 0]
-    patches = Patches.of(surface, settings, None)
-    assert patches is not None
-    triangle, uv = graph.node_triangle[first], graph.node_uv[first]
-    amount = np.full(len(uv), 2.0, np.float32)
-    lively = np.log(patches.factor("strength", amount, triangle, uv))
-    depth = np.log(graph.edge_weight)
-    leads = graph.edge_share > 1.05
-    assert leads.sum() > 100
-    follows, followed = (np.polyfit(lively[of], depth[of], 1)[0] for of in (leads, ~leads))
-    assert 0.1 < follows < 0.6 < followed
 
 
 def cylinder(turned: bool) -> Mesh:

@@ -16,7 +16,7 @@ from rhytid.synthesis.hashes import place_keys
 from rhytid.synthesis.lines import Lines, ends_of, joins_of
 from rhytid.synthesis.pore_density import Usual
 from rhytid.synthesis.progress import Progress, over_block, over_rows, part, row_blocks
-from rhytid.synthesis.ranks import Ranks, unevenness
+from rhytid.synthesis.ranks import RankedLines, Ranks, calm_of, unevenness
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.charts import trace
 from rhytid.synthesis.seams.copies import Arrays, with_copies
@@ -27,6 +27,8 @@ from rhytid.synthesis.surface import Points, Surface
 _LEAST_WEIGHT = 1e-4
 # How far leaders follow patches, of how far other lines do.
 _PATCHED = np.float32(0.4)
+# The most patchiness of swells among leaders: lively ones would be lumps, and beads where pressed.
+_CALM = np.float32(1.1)
 # What nodes have around them where a graph has no array of it.
 _USUAL = {"node_grain": 1.0, "node_undulation": 1.0, "node_patchiness": 0.0}
 # Seams are looked at as closely as painted density can ask for: were it as closely as it does, what
@@ -131,12 +133,25 @@ class GraphParts:
         found = {}
         for name in _USUAL:
             factor = getattr(self.ground.fields, name.removeprefix("node_"))
+            if name == "node_patchiness":
+                factor = self._patchiness_of_swells
             every = factor(self.pores.triangle, self.pores.uv)
             every = np.concatenate([every, every[self.lines.owner]])
             if self.events is not None:
                 at = self.events.points
                 every = np.concatenate([every, factor(at.triangle, at.uv)])
             found[name] = every
+        return found
+
+    def _patchiness_of_swells(
+        self, triangle: NDArray[np.integer], uv: NDArray[np.floating]
+    ) -> NDArray[np.float32]:
+        """(N,) patchiness of grain and undulation: the calmer the skin, the less above _CALM."""
+        fields, ranks = self.ground.fields, self.strengths.ranks
+        found = fields.patchiness(triangle, uv)
+        if ranks is not None:
+            above = np.maximum(found - _CALM, np.float32(0.0))
+            found = found - above * calm_of(fields, ranks.rank, triangle, uv)
         return found
 
     def _shares(self, weight: NDArray[np.float32], width: NDArray[np.float32]) -> Arrays:
@@ -217,7 +232,7 @@ class GraphParts:
             half_width[rows] = shapes.half_widths_uv(ground.surface, triangle, step, width)
             factor[rows] = fields.strength(triangle, middle)
             if ranks is not None:
-                _run_on(factor[rows], ranked.leads, even, triangle, middle)
+                _follow_patches(factor[rows], ranked, even, triangle, middle)
             if self.events is not None:
                 factor[rows] *= self.events.fading(ground.surface, triangle, middle)
             if fields.some_bare:
@@ -264,22 +279,25 @@ def _of_nodes(arrays: Arrays, every: dict[str, NDArray[np.float32]]) -> Arrays:
     return found
 
 
-def _run_on(
+def _follow_patches(
     factor: NDArray[np.float32],
-    leads: NDArray[np.bool_],
+    ranked: RankedLines,
     even: Fields,
     triangle: NDArray[np.integer],
     uv: NDArray[np.floating],
 ) -> None:
-    """Have leaders run on through patches: of the logarithm of what these make of the strength of
-    lines they follow _PATCHED.
+    """Have leaders run on through patches, and lines among them be no livelier in any: of the
+    logarithm of what patches make of the strength of lines, leaders follow _PATCHED, and others,
+    the calmer the skin, only what is below 0.
 
-    factor (N,): strengths of lines, changed in place.  leads (N,): which are parts of leaders.
-    even: the fields without patches.  triangle (N,), uv (N, 2): of the middles of lines.
+    factor (N,): strengths of lines, changed in place.  even: the fields without patches.
+    triangle (N,), uv (N, 2): of the middles of lines.
     """
-    of = np.flatnonzero(leads)
-    unpatched = even.strength(triangle[of], uv[of])
-    factor[of] = unpatched * (factor[of] / np.maximum(unpatched, _LEAST_WEIGHT)) ** _PATCHED
+    of = np.flatnonzero(ranked.leads | (ranked.calm > 0))
+    unpatched, leads = even.strength(triangle[of], uv[of]), ranked.leads[of]
+    patched = factor[of] / np.maximum(unpatched, _LEAST_WEIGHT)
+    less = np.maximum(patched, np.float32(1.0)) ** -ranked.calm[of]
+    factor[of] = np.where(leads, unpatched * patched**_PATCHED, factor[of] * less)
 
 
 def _scale(weight: NDArray[np.float32], factor: NDArray[np.float32]) -> None:

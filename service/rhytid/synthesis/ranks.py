@@ -7,6 +7,7 @@ and wherever skin folds one way.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy
@@ -81,6 +82,7 @@ class Ranks:
     do.  width (K,) float32: half widths, in pore spacings.  profile (K,) float32: from 0 at both
     ends of a leader to 1.  family (K,) int8: the number.
     quiet (N,) float32: factor of the weight of other lines at each pore.
+    calm (N,) float32: how far patches do not make other lines livelier, at each pore.
     of_pores (N,) float32: factor of the depth of the pores.  uneven (N,) float32: how far
     other lines differ by chance from those beside them, at each pore.  rank: the setting.
     """
@@ -92,6 +94,7 @@ class Ranks:
     profile: Singles
     family: NDArray[np.int8]
     quiet: Singles
+    calm: Singles
     of_pores: Singles
     uneven: Singles
     rank: float
@@ -132,10 +135,11 @@ class Ranks:
         of_pores = np.ones(len(net.pores), np.float32)
         of_pores[net.first] = _BEADS ** min(rank, 1.0)
         quiet = (quiet**rank).astype(np.float32)
+        calm = calm_of(fields, rank, net.pores.triangle, net.pores.uv)
         return cls(
             row, _beside_none(0.0, middle * profile), _beside_none(np.inf, 1.0 / middle),
             _beside_none(0.0, width), _beside_none(0.0, np.minimum(profile, 1.0)),
-            np.append(0, number).astype(np.int8), quiet, of_pores, uneven, rank,
+            np.append(0, number).astype(np.int8), quiet, calm, of_pores, uneven, rank,
         )  # fmt: skip
 
     @property
@@ -148,9 +152,12 @@ class Ranks:
         """What W lines are by their ranks.  edge (W,), pores (W, 2): of each."""
         row = self.row[edge]
         weight, leads = self.weight[row], self.weight[row] > 0
-        quiet = np.float32(0.5) * (self.quiet[pores[:, 0]] + self.quiet[pores[:, 1]])
+        quiet, calm = (
+            np.float32(0.5) * (values[pores[:, 0]] + values[pores[:, 1]])
+            for values in (self.quiet, self.calm)
+        )
         factor = np.where(leads, np.float32(1.0), quiet)
-        return RankedLines(leads, weight, self.most[row], self.width[row], factor)
+        return RankedLines(leads, weight, self.most[row], self.width[row], factor, calm)
 
     def unevenness(self, edge: NDArray[np.int32], pores: NDArray[np.int32]) -> Singles:
         """How far W lines differ from those beside them; leaders have sizes of their own.
@@ -191,13 +198,21 @@ class Ranks:
 @dataclass(frozen=True, eq=False)
 class RankedLines:
     """Of W lines: leads, whether each is part of a leader; of those that are, weight, most and
-    width as in `Ranks`; factor, of the weight of each."""
+    width as in `Ranks`; factor, of the weight of each; of the others, calm as in `Ranks`."""
 
     leads: NDArray[np.bool_]
     weight: Singles
     most: Singles
     width: Singles
     factor: Singles
+    calm: Singles
+
+
+def calm_of(fields: Fields, rank: float, triangle: NDArray[Any], uv: NDArray[Any]) -> Singles:
+    """(N,) how far patches do not make skin between leaders livelier: 0 to 1."""
+    leading = leading_any_way(fields, triangle, uv)
+    found: Singles = np.minimum(np.float32(min(rank, 1.0)) * leading, np.float32(1.0))
+    return found
 
 
 def _edges_along(
