@@ -406,6 +406,30 @@ def test_old_leaders_around_the_mouth_stay_narrow_where_it_folds(device: Device)
     assert 0.98 * every < width[1] / width[0] < 1.25 * every
 
 
+def test_the_pair_of_a_frown_deepens_more_with_age_than_others_and_gets_no_broader(
+    device: Device,
+) -> None:
+    """Broad ones were wax; as deep as others they were hardly seen at rest."""
+    found = replace(folds(), frown=crests(0.3))
+    graphs = [
+        synthesize(MESH, GraphSettings(wrinkles=COUNT, age=age), device, folds=found).graph
+        for age in (35.0, 50.0)
+    ]
+    width, depth = np.zeros((2, 2)), np.zeros((2, 2))
+    for i, graph in enumerate(graphs):
+        place = sheets.places(Surface.of(MESH), graph)[graph.edge_nodes].mean(axis=1)
+        aside, along = np.abs(place[:, 0] - 0.55), np.abs(place[:, 1] - 0.5)
+        pair = (np.abs(aside - 0.15) < 2 * MILLIMETRE) & (along < 4 * MILLIMETRE)
+        leads = graph.edge_share > 1.02
+        far = leads & (along > 16 * MILLIMETRE)
+        for j, of in enumerate((leads & pair, far)):
+            assert np.count_nonzero(of) > 10
+            width[i, j] = graph.edge_half_width[of].mean()
+            depth[i, j] = graph.edge_weight[of].mean()
+    assert width[1, 0] / width[0, 0] < 0.85 * width[1, 1] / width[0, 1]
+    assert depth[1, 0] / depth[0, 0] > 1.2 * depth[1, 1] / depth[0, 1]
+
+
 @pytest.mark.parametrize("age", [20.0, 65.0])
 def test_creases_of_lips_are_of_any_age(device: Device, age: float) -> None:
     still = Folds(np.zeros((len(MESH.positions), 6), np.float32), ENOUGH, {"lip": lip()})

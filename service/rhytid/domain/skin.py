@@ -92,8 +92,9 @@ class Region:
 
 WHOLE_FACE = "face"
 REGIONS: dict[str, Region] = {
-    # Between the brows, too: at 20 nothing is seen there at rest.
-    WHOLE_FACE: Region(old=Old(young=0.6)),
+    # Between the brows, too: at 20 nothing is seen there at rest, later the pair of a frown, which
+    # higher swells would drown.
+    WHOLE_FACE: Region(old=Old(undulation=0.69, young=0.6)),
     # Long level lines, coarse and deep, that hardly branch; pores of medium size.
     "forehead": Region(
         density=1.0,

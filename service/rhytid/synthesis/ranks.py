@@ -39,8 +39,9 @@ _DEEPEST = 0.5
 # their sides be steeper, broader. The same of the weight of others where skin folds one way. Below
 # 35 a factor of its own is taken to a negative power: leaders are fainter there, and what lies
 # between them is less quiet, but weaker for its age; their width is that of 35. Where lines are
-# uneven, as around the mouth, leaders stay as narrow as at 35: broad ones would be dells there.
-_OLD, _YOUNG, _OLD_BROAD = 1.9, 2.4, 1.8
+# uneven, as around the mouth, leaders stay as narrow as at 35: broad ones would be dells there. So
+# does the pair of a frown, which is broad at 35, and is seen at rest from 50 on: it deepens more.
+_OLD, _OLD_PAIR, _YOUNG, _OLD_BROAD = 1.9, 3.5, 2.4, 1.8
 _OLD_OTHERS, _YOUNG_OTHERS = 0.55, 0.75
 _NARROW, _BROAD = 0.6, 1.25
 # How far other lines are fainter: beside a leader, and where skin folds one way; how far from a
@@ -56,6 +57,7 @@ _DEEP_TAKES = 0.6
 # By the numbers of families, what leaders take more than by themselves, and how far from.
 _TAKES_MORE = np.array([family.takes - 1.0 for family in FAMILIES], np.float32)
 _STRIPS = np.array([family.strip for family in FAMILIES])
+_PAIR = [family.number for family in FAMILIES if family.single]
 _TINY = np.float32(1e-6)
 # Pores on a leader would be beads on a string: of their depth is left.
 _BEADS = 0.6
@@ -118,7 +120,9 @@ class Ranks:
         row[edge] = np.arange(1, len(edge) + 1)
         # Those that expressions leave behind; lips have creases at any age.
         aged = np.where(number == CREASES.number, 0.0, worn)
-        deepest = (_DEEPEST * (_OLD if worn > 0.0 else _YOUNG) ** aged).astype(np.float32)
+        pair = np.isin(number, _PAIR)
+        old = np.where(pair, _OLD_PAIR, _OLD) if worn > 0.0 else _YOUNG
+        deepest = (_DEEPEST * old**aged).astype(np.float32)
         middle = deepest * min(rank, 1.0) * depth / np.maximum(profile, _TINY)
         middle = np.clip(middle, _TINY, 1.0)
         broad = min(rank, 1.0) * (_NARROW + (_BROAD - _NARROW) * size)
@@ -127,6 +131,7 @@ class Ranks:
         uneven = np.minimum(rank, 1.0) * fields.uneven(net.pores.triangle, net.pores.uv) * leading
         uneven = np.minimum(uneven, 1.0).astype(np.float32)
         aged *= 1.0 - uneven[net.edges.nodes[edge]].mean(axis=1)
+        aged[pair] = 0.0
         width = WIDE * broad * _OLD_BROAD ** np.maximum(aged, 0.0)
         quiet = (1.0 - _BESIDE * near) * (1.0 - _FOLDED * leading)
         quiet *= 1.0 - _CREASED * CREASES.leading(fields, net.pores.triangle, net.pores.uv)
