@@ -1,8 +1,10 @@
 // Redraws every wrinkle and pore of a frame into displacement (section 2.3): a gather, each texel
 // of a block of BLOCK x BLOCK in one work-group, no atomics, so any tiling gives the same bits.
+#include "ahead.clh"
+
+#define ASK_FOR_LINE(i) ask_for_line(i, segments, sizes, slopes, wrinkle_scales)
 #include "line.clh"
 #ifdef RAISED
-#include "ahead.clh"
 #include "spline.clh"
 
 // Asks for the samples of the broad layer that the rows of a work-group are brought up from: what lies rows
@@ -40,6 +42,16 @@ inline void write_raised_rows(sums_t sums, place_t place, shape_t shape, float d
 #define WRITE_ROWS(sums, place, shape, depth, out)                                                 \
     write_rows(sums, place, shape, depth, WHOLE, out)
 #endif
+
+// See ASK_FOR_LINE of arcs.clh.
+inline void ask_for_line(int i, __global const float4 *segments, __global const SIZES *sizes,
+                         __global const float2 *slopes, __global const SIZES *scales)
+{
+    SOON_ALONE(segments + i);
+    SOON_ALONE(sizes + i);
+    SOON_ALONE(slopes + i);
+    SOON_ALONE(scales + i);
+}
 
 // LINES, in texels of the UDIM, v up; sizes (half width, weight), see line.clh.
 // wrinkle_scales: (sigma_w, sigma_d) of the frame, with BENT sigma_w at both ends, then sigma_d.
