@@ -16,6 +16,8 @@ from engine.engines import running
 from formats.writers import npy, npz
 from rhytid_client import Client
 
+pytestmark = pytest.mark.usefixtures("no_maps_ahead")
+
 SMALL = {**SETTINGS, "unit": "ft", "graph": {"wrinkles": 400}}
 SHAPES = np.stack([positions() * np.float32([0.8, 1, 1]), positions() * np.float32([0.9, 1, 1])])
 

@@ -16,6 +16,8 @@ from rhytid.errors import SharedStoreError
 from rhytid.storage.shared.shared_store import SharedStore
 from storage.backends import new_folder
 
+pytestmark = pytest.mark.usefixtures("no_maps_ahead")
+
 # No asset of these tests is so small.
 LITTLE = 1000
 

@@ -34,6 +34,8 @@ from rhytid.engine.messages import MapQuery, NewAsset
 from rhytid.errors import ConflictError, InputError
 from rhytid.pictures.raster import rasterize_uv
 
+pytestmark = pytest.mark.usefixtures("no_maps_ahead")
+
 MESH = sheet(udims=2)
 BENT = deform(MESH.positions, 3, 0.15)
 SIDE, DEPTH = 256, 0.1

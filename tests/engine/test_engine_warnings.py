@@ -22,6 +22,8 @@ from rhytid.formats.graphs import write_graph
 from rhytid.storage.records import BuildFacts
 from rhytid_client import Client, Notice, RequestError, RhytidWarning
 
+pytestmark = pytest.mark.usefixtures("no_maps_ahead")
+
 # The sheet is 2 units wide: in feet it could be a face.
 BENT = deform(sheet().positions, 1, 0.1)
 SMALL = (codes.MESH_SIZE,)
