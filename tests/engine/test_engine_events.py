@@ -12,7 +12,7 @@ from pipeline.scenes import DEPTH, random_graph, settings_of, sheet
 from rhytid.domain.events import MOST_KIND
 from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.device_assets import frames
+from rhytid.engine.device_assets import additions
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
@@ -120,8 +120,8 @@ def test_a_layer_of_codes_has_the_neutral(device):
 def test_both_samples_of_codes_are_drawn_once(device, monkeypatch):
     """And those of the next square anew; no more than one square is kept."""
     asset, drawn = asset_of(device, EVENTFUL, preset="best"), []
-    add = frames.add_events
-    monkeypatch.setattr(frames, "add_events", lambda *a: drawn.append(a[4]) or add(*a))
+    add = additions.add_events
+    monkeypatch.setattr(additions, "add_events", lambda *a: drawn.append(a[4]) or add(*a))
     for column in (1, 2, 1):
         for sample in (0, 1):
             asset.bins.layer_codes(TileAddress(1001, 0, 1, column), "events", None, sample)

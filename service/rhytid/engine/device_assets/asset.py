@@ -8,9 +8,10 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.residual import Residual
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine.device_assets.additions import DeviceEvents, DeviceGrain
 from rhytid.engine.device_assets.bins import DeviceBins
 from rhytid.engine.device_assets.drawing import DeviceDrawing, DeviceNeutral
-from rhytid.engine.device_assets.frames import DeviceEvents, DeviceFrames, DeviceGrain
+from rhytid.engine.device_assets.frames import DeviceFrames
 from rhytid.engine.device_assets.levels import DeviceFinest, DeviceLevels
 from rhytid.engine.device_assets.mesh import DeferredWork, DeviceMesh
 from rhytid.engine.device_assets.slopes import DeviceSlopes

@@ -15,7 +15,8 @@ from rhytid.device.launches import DrawingPace
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.bin_manifest import BinManifest, CushionLayer, GrainLayer, TiltLine
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.device_assets.frames import DeviceEvents, DeviceFrames, DeviceGrain
+from rhytid.engine.device_assets.additions import DeviceEvents, DeviceGrain
+from rhytid.engine.device_assets.frames import DeviceFrames
 from rhytid.engine.device_assets.mesh import DeferredWork, DeviceMesh
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery

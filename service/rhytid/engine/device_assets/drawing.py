@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine.device_assets.additions import DeviceEvents, DeviceGrain
 from rhytid.engine.device_assets.bins import DeviceBins
-from rhytid.engine.device_assets.frames import DeviceEvents, DeviceFrames, DeviceGrain
+from rhytid.engine.device_assets.frames import DeviceFrames
 from rhytid.engine.device_assets.mesh import DeferredWork, DeviceMesh
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery

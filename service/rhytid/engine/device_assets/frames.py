@@ -1,5 +1,5 @@
-"""Arrays computed from the frames of an asset: their stretch, what follows from it for wrinkles and
-triangles, events, and grain."""
+"""Arrays computed from the frames of an asset: their stretch, and what follows from it for wrinkles
+and triangles."""
 
 from __future__ import annotations
 
@@ -13,24 +13,17 @@ from numpy.typing import NDArray
 from rhytid.device.buffer import Buffer
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.mesh import DeviceMesh
-from rhytid.engine.frames import NEUTRAL_FRAME, Frame
+from rhytid.engine.frames import Frame
 from rhytid.engine.messages import FrameStretch, MapQuery
 from rhytid.pipeline.bin_maker import BinTile
 from rhytid.pipeline.blend import Coefficients
 from rhytid.pipeline.cushion import CushionTile
-from rhytid.pipeline.event_elements import EventElements
-from rhytid.pipeline.events import add_events, event_scales, fill_events, respond_events_smooth
 from rhytid.pipeline.grain import (
-    Grain,
     GrainPlace,
-    GrainPlanes,
     fill_gains,
-    grain_codes,
     grain_place,
     relief,
-    tiles_of_square,
 )
-from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.line_stretches import LineStretches, OwnerLines
 from rhytid.pipeline.nearby import FrameValues, Groups, NearbyGroups, Numbers, united
 from rhytid.pipeline.redraw import (
@@ -93,7 +86,7 @@ class DeviceFrames:
         def fill(near: NearbyTriangles | None) -> None:
             base.stretch.fill(found, positions, limit, soft, folds, near)
 
-        _fill(found.filled, alone, self._triangles, fill)
+        fill_missing(found.filled, alone, self._triangles, fill)
         return found
 
     def _triangles(self, place: Place) -> NearbyTriangles:
@@ -141,7 +134,7 @@ class DeviceFrames:
             respond_nearby(device, elements, settings, found, stretch, near)
             return stretch
 
-        _fill(found.filled, place, self._nearby, fill)
+        fill_missing(found.filled, place, self._nearby, fill)
         return found
 
     def line_stretches(self, frame: Frame, query: MapQuery, udim: int) -> Buffer | None:
@@ -260,7 +253,7 @@ class DeviceFrames:
             blend.fill(found, stretch, wanted)
             return stretch
 
-        _fill(found.filled, place, groups, fill)
+        fill_missing(found.filled, place, groups, fill)
         return found
 
     def gains(self, frame: Frame, model: str, alone: Place | None) -> Buffer:
@@ -275,7 +268,7 @@ class DeviceFrames:
             fill_gains(base.device, base.settings, stretch, found.values, groups)
             return stretch
 
-        _fill(found.filled, alone, self._triangles, fill)
+        fill_missing(found.filled, alone, self._triangles, fill)
         return found.values
 
     def bin_stretches(self, frame: Frame, model: str) -> Buffer:
@@ -294,7 +287,7 @@ class DeviceFrames:
         )  # fmt: skip
 
 
-def _fill(
+def fill_missing(
     filled: set[Place | None],
     place: Place | None,
     groups_of: Callable[[Place], G],
@@ -326,7 +319,7 @@ def _shown(base: DeviceMesh, udim: int, tile: Square) -> Numbers:
     if bins is not None:
         return bins.triangles.numbers(base.device)
     if relief(base.settings) > 0.0:
-        return _grain_place(base, udim, row, column).triangles.numbers(base.device)
+        return grain_place_of(base, udim, row, column).triangles.numbers(base.device)
     texels = base.located[udim].texels(base.settings.resolution, row, column, side)
     shown: Numbers = base.device.read(texels, (side * side,), np.int32)
     texels.release()
@@ -348,139 +341,8 @@ def _answering(base: DeviceMesh, place: Place) -> list[Numbers]:
     return [owners.triangles(device), events]
 
 
-def _grain_place(base: DeviceMesh, udim: int, row: int, column: int) -> GrainPlace:
+def grain_place_of(base: DeviceMesh, udim: int, row: int, column: int) -> GrainPlace:
     """That of the tile of level 0 with this first texel."""
     square, located = (row, column, base.tile_side), base.located[udim]
     make = partial(grain_place, base.device, located, base.settings, base.stiffness, square)
     return base.cache.keep("grain place", udim, row, column, make=make)
-
-
-class DeviceEvents:
-    """The events of an asset in a frame, to be added to what any method draws."""
-
-    def __init__(self, base: DeviceMesh, frames: DeviceFrames) -> None:
-        self._base, self._frames = base, frames
-        self._last: tuple[int, ...] | None = None
-
-    def added(self, draw: Draw, frame: Frame, query: MapQuery, udim: int) -> Draw:
-        """Draws as `draw` does, and adds the events of a frame."""
-        if self._base.elements[udim].events is None:
-            return draw
-
-        def with_events(row: int, column: int, side: int) -> Buffer:
-            out = draw(row, column, side)
-            self.add(out, frame, query, udim, (row, column, side))
-            return out
-
-        return with_events
-
-    def add(self, out: Buffer, frame: Frame, query: MapQuery, udim: int, square: Square) -> None:
-        """Add the events of a frame to a square of level 0."""
-        base, events = self._base, self._base.elements[udim].events
-        if events is not None:
-            scales = self._scales(frame, query, udim, events, square)
-            add_events(base.device, events, base.settings, scales, square, out)
-
-    @property
-    def tallest(self) -> float:
-        """Height of the highest or deepest event, depths; 0 where there is none."""
-        every = (elements.events for elements in self._base.elements.values())
-        return max((events.tallest for events in every if events is not None), default=0.0)
-
-    def heights(self, udim: int, square: Square) -> NDArray[np.float32]:
-        """(n, n) of the events of a square of level 0 in the neutral, mesh units."""
-        base, side, last = self._base, square[2], self._last
-        # Those of the last square are kept: both samples of its codes are asked for in turn.
-        self._last = (udim, *square)
-        if last is not None and last != self._last:
-            base.cache.discard("event heights", *last)
-        make = partial(self._in_neutral, udim, square)
-        out = base.cache.keep("event heights", *self._last, make=make)
-        found: NDArray[np.float32] = base.device.read(out, (side, side), np.float32)
-        return found
-
-    def _in_neutral(self, udim: int, square: Square) -> Buffer:
-        out = self._base.device.full(square[2] ** 2, np.float32(0.0))
-        self.add(out, NEUTRAL_FRAME, MapQuery("neutral"), udim, square)
-        return out
-
-    def _scales(
-        self, frame: Frame, query: MapQuery, udim: int, events: EventElements, square: Square
-    ) -> Buffer:
-        base, frames, model, sampling = self._base, self._frames, query.stretch, query.sampling
-        device, settings = base.device, base.settings
-
-        def make() -> FrameValues:
-            if sampling == "smooth":
-                fields, located = frames.fields(frame, model), base.located[udim]
-                return respond_events_smooth(device, events, located, settings, fields)
-            return event_scales(device, events)
-
-        found: FrameValues = base.cache.keep_of(
-            frame, "event scales", udim, model, sampling, make=make
-        )
-        if sampling != "smooth":
-            what, blended = ("events", udim, model), query.method == "binned"
-            alone = frames.alone(frame, what, udim, square, blended)
-
-            def fill(near: Place | None) -> StretchBuffers:
-                stretch = frames.stretch(frame, model, near)
-                fill_events(device, events, settings, stretch, found)
-                return stretch
-
-            _fill(found.filled, alone, lambda place: place, fill)
-        return found.values
-
-
-class DeviceGrain:
-    """The grain of an asset: its codes by tile, and its gain in a frame."""
-
-    def __init__(self, base: DeviceMesh, frames: DeviceFrames) -> None:
-        self._base, self._frames = base, frames
-
-    @property
-    def shows(self) -> bool:
-        """Whether the settings have grain."""
-        return relief(self._base.settings) > 0.0
-
-    def added(self, draw: Draw, frame: Frame, query: MapQuery, udim: int) -> Draw:
-        """Draws as `draw` does, and adds the grain of a frame."""
-        if not self.shows:
-            return draw
-
-        def grained(row: int, column: int, side: int) -> Buffer:
-            out = draw(row, column, side)
-            self.add(out, frame, query, udim, (row, column, side))
-            return out
-
-        return grained
-
-    def add(self, out: Buffer, frame: Frame, query: MapQuery, udim: int, square: Square) -> None:
-        """Add the grain of a frame to a square of level 0; only where grain `shows`."""
-        grain = self._of_frame(frame, query, udim, square)
-        for at in tiles_of_square(*square, self._base.tile_side):
-            grain.add(out, square, _grain_place(self._base, udim, *at), self.codes(udim, *at))
-
-    def codes(self, udim: int, row: int, column: int) -> Buffer:
-        """The codes of grain of the tile of level 0 with this first texel."""
-        base, square = self._base, (row, column, self._base.tile_side)
-        return base.cache.keep(
-            "grain", udim, row, column,
-            make=lambda: grain_codes(
-                base.device, self._planes(), base.located[udim], base.settings, square
-            ),
-        )  # fmt: skip
-
-    def _of_frame(self, frame: Frame, query: MapQuery, udim: int, square: Square) -> Grain:
-        base, frames, model = self._base, self._frames, query.stretch
-        fields = frames.fields(frame, model) if query.sampling == "smooth" else None
-        alone = frames.alone(frame, ("gains", udim, model), udim, None if fields else square)
-        stretch = frames.stretch(frame, model, alone)
-        gains = frames.gains(frame, model, alone)
-        return Grain(base.device, base.settings, base.located[udim], stretch, gains, fields)
-
-    def _planes(self) -> GrainPlanes:
-        base = self._base
-        shares = base.relief_shares, base.patch_size
-        make = partial(GrainPlanes, base.device, base.mesh, base.settings, *shares)
-        return base.cache.keep("planes", make=make)
