@@ -70,6 +70,15 @@ def test_names_of_other_programs_are_no_slips() -> None:
     assert all(f"'{name}'" in note for name in theirs)
 
 
+def test_names_like_those_of_arrays_that_are_there_are_no_slips() -> None:
+    beside = dict.fromkeys(("uv2", "face_uv2", "positions_world", "frames2", "face"), SQUARE)
+    warnings, (note,) = unread_arrays(changed(frames=FRAMES, **beside))
+    assert warnings == ()
+    assert all(f"'{name}'" in note for name in beside)
+    (warning,), _ = unread_arrays(changed(**beside))
+    assert "not read: 'frames2' (did you mean frames?); " in warning.detail
+
+
 def test_an_animation_with_frames_and_neutral_in_place_of_positions() -> None:
     others = {"names": np.array(["a", "bc"]), "fps": np.float32(30), "any": np.array([None])}
     arrays = {name: array for name, array in ARRAYS.items() if name != "positions"}

@@ -271,7 +271,7 @@ WARNINGS: dict[str, Meaning] = {
     ),
     ARRAYS_UNUSED: Meaning(
         "an npz that is sent as a mesh",
-        "it has arrays that are not read, whose names are nearly those that are",
+        "it has arrays that are not read, whose names are nearly those of some that are not there",
         "call them as the text has it, `frames` or `shapes` with `names`",
     ),
     DEVICES_MIXED: Meaning(

@@ -38,6 +38,7 @@ _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _PIECE = 1 << 20
 _OF_MESH = ("positions", "neutral", "faces", "uv", "face_uv")
 _MEMBERS = (*_OF_MESH, "frames", "shapes", "names")
+_OPTIONAL = ("frames", "shapes", "names")
 # Members that are not read and told by name; and how alike names are, of 1, where one is a slip.
 _TOLD, _NEAR = 8, 0.75
 # The errors of zipfile for damaged, encrypted and unknown archives.
@@ -90,9 +91,12 @@ def read_npz(data: bytes) -> tuple[Mesh, NDArray[np.float32] | None]:
 
 def unread_arrays(data: bytes) -> tuple[tuple[InputWarning, ...], tuple[str, ...]]:
     """What to tell of the members of a .npz file with a mesh that nothing reads: a warning of those
-    whose name is nearly that of a member that is read, and a note of the others."""
-    strange = [name for name in Archive(data, MeshError) if name not in _MEMBERS]
-    meant = {name: get_close_matches(name.lower(), _MEMBERS, 1, _NEAR) for name in strange}
+    whose name is nearly that of a member that would be read and is not there, and a note of the
+    others: `uv2` beside `uv` is no slip."""
+    archive = Archive(data, MeshError)
+    strange = [name for name in archive if name not in _MEMBERS]
+    missing = [name for name in _OPTIONAL if name not in archive]
+    meant = {name: get_close_matches(name.lower(), missing, 1, _NEAR) for name in strange}
     slips = [f"{name!r:.40} (did you mean {near[0]}?)" for name, near in meant.items() if near]
     others = [f"{name!r:.40}" for name, near in meant.items() if not near]
     detail = f"not read: {_told(slips)}; arrays of a mesh are {', '.join(_MEMBERS)}"
