@@ -157,3 +157,26 @@ def test_a_place_that_goes_beyond_where_it_is_moved_is_left_out(
     grown = ("--wrinkles", "300", "--resolution", "256", "--patch", "0.5", "0.5")
     assert main(["measure", str(sheet), *grown, "--size", "14", "--strain", "0.8"]) == 1
     assert "take a smaller --size or another place" in capsys.readouterr().err
+
+
+def test_a_place_that_is_in_another_udim_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The lips have triangles in UDIM 1002 alone, which are fewer."""
+    skin, lips = flat_sheet(WIDE, 16), flat_sheet(WIDE, 8)
+    rest = np.concatenate([skin.positions, lips.positions + np.float32([5, 0, 0])])
+    shapes, first = np.stack([rest, rest]), len(skin.positions)
+    shapes[0, :first] *= np.float32([1, 0.8, 1])
+    shapes[1, first:] += 0.05 * np.sin(9 * lips.positions[:, [1, 2, 0]])
+    np.savez(
+        tmp_path / "face.npz",
+        positions=rest,
+        faces=np.concatenate([skin.faces, lips.faces + first]),
+        uv=np.concatenate([skin.uv, lips.uv + np.float32([1, 0])]),
+        face_uv=np.concatenate([skin.face_uv, lips.face_uv + len(skin.uv)]),
+        shapes=shapes,
+        names=["browInnerUp", "mouthPucker"],
+    )
+    assert main(["measure", str(tmp_path / "face.npz"), "--place", "lip", "--size", "4"]) == 1
+    told = "--place lip: no triangle of it is in UDIM 1001, which has most: give --patch"
+    assert told in capsys.readouterr().err

@@ -153,6 +153,11 @@ def _regions(
 
     def chosen(side: float) -> list[Place]:
         views = {view.region: view for view in skin_views(mesh, folds, udim, side)}
+        if beyond := [name for name in arguments.place if name not in views]:
+            raise InputError(
+                f"--place {beyond[0]}: no triangle of it is in UDIM {udim}, which has most: give "
+                "--patch"
+            )
         return [
             Place.of(name, mesh, udim, Frame.of(corners[views[name].triangle]), arguments.along)
             for name in arguments.place
