@@ -16,6 +16,7 @@ from reference import drawing
 from rhytid.domain.asset_settings import PRESETS
 from rhytid.domain.methods import METHODS, STRETCH_MODELS
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine.assets import builder
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery, NewAsset
 from rhytid.engine.tiles.service import displacement_scale
@@ -240,3 +241,15 @@ def test_maps_of_a_mellow_merge_are_twice_the_memory(tmp_path):
             taken = sum(tile.nbytes for tile in tiles)
             assert sum(tile.codes.nbytes for tile in tiles) == 256**2 * 5 * 3 * parts
             assert resident.bins.size() == pytest.approx(taken, rel=0.02)
+
+
+@pytest.mark.parametrize(("share", "ahead"), [(1.01, True), (0.99, False)])
+def test_maps_are_made_after_a_build_where_they_fit(tmp_path, monkeypatch, share, ahead):
+    """share: of the memory of the device that maps may take, in what these take."""
+    with running(tmp_path, device_memory=64 * MIB) as engine:
+        first = built(engine, new_asset())
+        size = engine._on_device.loaded(engine.assets._assets.get(first)).bins.size()
+        monkeypatch.setattr(builder, "_BINS_SHARE", share * size / (64 * MIB))
+        before = engine._device.budget.used
+        built(engine, new_asset(seed=2))
+        assert (engine._device.budget.used > before + 0.9 * size) == ahead

@@ -14,7 +14,8 @@ from rhytid.support import cancellation
 Doubles = NDArray[np.float64]
 # What others are left at least, of what they would take.
 _LEFT = 0.2
-# Pores that ask at a time: there are some hundred times as many pairs.
+# Pores that are looked around at a time: there are some hundred times as many pairs, each of which
+# takes 40 bytes then, and 16 until all have asked.
 _ASKING = 1 << 12
 _TINY = 1e-300
 # Pairs of a pore that asks and one around it: which of the asking, which of all, how near.
