@@ -14,6 +14,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.painted_maps import Controls
 from rhytid.domain.patch_noise import LEAST, MOST_DEVIATION
 from rhytid.domain.skin import REGIONS
+from rhytid.pipeline.grain import MOST_UNDULATION
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.painted_fields import PaintedFields
@@ -85,6 +86,12 @@ def test_lines_vary_as_far_as_the_patchiest_region_says() -> None:
     ]
     assert logs[1] == pytest.approx(most * logs[0], rel=0.01)
     assert 0.32 * most > MOST_DEVIATION
+
+
+def test_swells_of_the_patchiest_region_are_higher_in_lively_patches() -> None:
+    """They end at MOST_UNDULATION: were they near it everywhere, patches would only be quieter."""
+    patchiest = max(REGIONS.values(), key=lambda region: region.patchiness)
+    assert 1.5 * patchiest.undulation < MOST_UNDULATION
 
 
 def test_the_liveliest_patch_of_a_forehead_has_no_pits() -> None:

@@ -172,16 +172,17 @@ REGIONS: dict[str, Region] = {
         leading=0.9,
         old=Old(strength=1.6, scale=1.2, contrast=1.5, grain=1.8),
     ),
-    # A wide net of rhombi, longer than high, that age deepens as a whole; small pores.
+    # A wide net of rhombi, longer than high, that age deepens as a whole; small pores. Lines and
+    # swells are well below the most they can be, so that lively patches stand out.
     "neck": Region(
         density=0.57,
-        strength=1.75,
+        strength=1.3,
         anisotropy=0.5,
         bend=0.5,
-        scale=1.2,
+        scale=0.8,
         pore_radius=0.7,
         grain=1.2,
-        undulation=2.4,
+        undulation=1.6,
         folded=0.35,
         patchiness=4.2,
         leading=0.12,
