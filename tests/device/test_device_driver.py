@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -210,3 +211,20 @@ def test_the_system_is_asked_once_for_all_calls_of_a_task(device, monkeypatch):
 
     monkeypatch.setattr(signal, "pthread_sigmask", counted)
     assert in_a_thread(work) == 2
+
+
+def test_what_compilers_say_is_not_told_while_several_threads_compile():
+    """Outside pytest, which has filters of its own; `catch_warnings` of one thread would end those
+    of another."""
+    script = (
+        "import warnings\n"
+        "from rhytid.device.driver import cl\n"
+        "warnings.warn('Non-empty compiler output', cl.CompilerWarning)\n"
+        "warnings.warn('PyOpenCL compiler caching failed', UserWarning)\n"
+        "warnings.warn('told', UserWarning)\n"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60
+    )
+    assert told.stderr.count("Warning") == 1
+    assert "told" in told.stderr

@@ -49,7 +49,7 @@ def bad(value: float) -> Any:
         (npz(shapes=SHAPES, names=NAMES[:2]), "a.npz", "2 names for 3 shapes"),
         (npz(shapes=SHAPES, names=np.arange(3)), "a.npz", "names has dtype '<i8': must be text"),
         (npz(shapes=SHAPES, names=NAMES[None]), "a.npz", r"names have shape \(1, 3\)"),
-        (npz(other=SHAPES), "a.npz", "no 'frames'"),
+        (npz(other=SHAPES), "a.npz", "neither 'shapes' nor 'frames'; it has 'other'"),
         (npz(shapes=NAMES), "a.npz", "shapes holds text"),
         (npy(bad(np.inf)), "a.npy", "not finite"),
         (b"v 0 0 0", "a.obj", "extension '.obj': must be one of .npz, .npy"),

@@ -25,7 +25,8 @@ from formats.writers import (
 )
 from rhytid.domain.warnings import ARRAYS_UNUSED
 from rhytid.errors import FrameError, LimitError, MeshError, RhytidError
-from rhytid.formats.npz import read_npz, unread_arrays
+from rhytid.formats.meshes import read_mesh
+from rhytid.formats.npz import read_npz, read_npz_expressions, unread_arrays
 
 ARRAYS: dict[str, Any] = {
     "positions": SQUARE,
@@ -61,6 +62,31 @@ def test_arrays_whose_names_are_slips_are_warned_of_and_others_are_noted() -> No
     assert note == "arrays of the mesh file that are not read: 'fps'"
     (), (note,) = unread_arrays(changed(**{f"v{i:02}": SQUARE for i in range(11)}))
     assert note.endswith("'v07' and 3 more")
+
+
+def test_longer_words_for_shapes_and_their_names_are_slips() -> None:
+    (warning,), _ = unread_arrays(changed(blendShapes=FRAMES))
+    assert "'blendShapes' (did you mean shapes?)" in warning.detail
+    (warning,), _ = unread_arrays(changed(shapes=FRAMES, shape_names=np.array(["a", "b", "c"])))
+    assert "'shape_names' (did you mean names?)" in warning.detail
+
+
+def test_a_file_of_shapes_without_any_says_what_may_be_meant() -> None:
+    for name in ("shape", "blendshapes"):
+        with pytest.raises(FrameError, match=rf"neither.*'{name}' \(did you mean shapes\?\)"):
+            read_npz_expressions(npz(**{name: FRAMES}), len(SQUARE))
+    assert len(read_npz_expressions(npz(frames=FRAMES), len(SQUARE))) == len(FRAMES)
+
+
+def test_shapes_that_are_offsets_are_refused() -> None:
+    offsets = np.float32(0.01) * np.arange(SQUARE.size).reshape(1, *SQUARE.shape)
+    with pytest.raises(FrameError, match="positions of all vertices, not offsets"):
+        read_mesh(changed(shapes=offsets), "a.npz")
+    with pytest.raises(FrameError, match="not offsets"):
+        read_mesh(changed(shapes=np.concatenate([offsets, 0.0 * offsets])), "a.npz")
+    assert len(read_mesh(changed(shapes=SQUARE + offsets), "a.npz").shapes or ()) == 1
+    one = np.concatenate([offsets, SQUARE[None]])
+    assert len(read_mesh(changed(shapes=one), "a.npz").shapes or ()) == 2
 
 
 def test_names_of_other_programs_are_no_slips() -> None:

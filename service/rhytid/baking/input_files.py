@@ -71,7 +71,9 @@ def shape_files(place: Path | None, mesh: MeshFile, clip: Clip | None = None) ->
             return frame_set(place, vertices, centre, clip).expressions(vertices)
         with _named(place):
             check_shape_file(place)
-            return read_expressions(place.read_bytes(), place.name, vertices, centre)
+            shapes = read_expressions(place.read_bytes(), place.name, vertices, centre)
+            shapes.check_size(mesh.mesh.positions)
+            return shapes
     every = sorted(f for f in place.iterdir() if f.suffix.lower() == ".obj" and f.is_file())
     if not every:
         raise InputError(f"{place} holds no OBJ files")

@@ -118,7 +118,9 @@ def those_that_fit(
     found = [one for one in every if not isinstance(one, PatchError)]
     if not found:
         raise beyond[0]
-    warnings.add(InputWarning(PATCH_SIZE, e.detail, f"patch {e.name}") for e in beyond)
+    for patch in beyond:
+        where = f"patch {patch.name}"
+        warnings.add([InputWarning(PATCH_SIZE, f"left out: {patch.detail}", where)])
     warnings.refuse()
     return found
 

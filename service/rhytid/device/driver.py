@@ -21,6 +21,11 @@ import pyopencl  # noqa: E402
 
 cl: Any = pyopencl
 
+# What compilers say, and a cache that fails, where programs are compiled without it. For good, for
+# `catch_warnings` is not for several threads, which compile at once.
+warnings.simplefilter("ignore", cl.CompilerWarning)
+warnings.filterwarnings("ignore", "PyOpenCL compiler caching failed")
+
 POCL = "Portable Computing Language"
 # PoCL reads all that OpenCL C has, 18,000 lines, for each program, unless this says that they were
 # read: three quarters of the time of most programs.
@@ -99,19 +104,15 @@ def open_context(handle: Any) -> Any:
 
 @without_sigint()
 def compile_program(context: Any, text: str, options: list[str]) -> Any:
-    """Build a program; raises the driver's own error. Suppresses pyopencl's warnings about output
-    of the compiler, and about a cache that fails, where it compiles without."""
+    """Build a program; raises the driver's own error."""
     watch.begin_compiling()
     try:
         free_programs()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", cl.CompilerWarning)
-            warnings.filterwarnings("ignore", "PyOpenCL compiler caching failed")
-            if context.devices[0].platform.name.strip() == POCL:
-                with suppress(cl.RuntimeError):  # it is wrong, or uses what is not declared there
-                    declared = rhytid_kernels.builtins() + text
-                    return _built(context, declared, [*options, HEADER_READ])
-            return _built(context, text, options)
+        if context.devices[0].platform.name.strip() == POCL:
+            with suppress(cl.RuntimeError):  # it is wrong, or uses what is not declared there
+                declared = rhytid_kernels.builtins() + text
+                return _built(context, declared, [*options, HEADER_READ])
+        return _built(context, text, options)
     finally:
         watch.end_call()
 

@@ -17,6 +17,8 @@ from rhytid.errors import FrameError, InputError
 # Of more, this many evenly spaced ones are used: a captured take repeats itself.
 MOST_EXPRESSIONS = 400
 _LONGEST_NAME = 256
+# Of the size of the mesh: no face is so small in every expression, and offsets are smaller.
+_SMALLEST, _TINY = 0.2, 1e-300
 # What `graph.lines` can say.
 AUTO, BY_EXPRESSIONS, LEVEL = LINES = ("auto", "expressions", "level")
 # Expressions that move anything, from which on what they leave alone counts as never folding.
@@ -81,6 +83,20 @@ class Expressions:
         kept.setflags(write=False)
         return cls(kept, tuple(known))
 
+    def check_size(self, neutral: NDArray[np.floating]) -> None:
+        """Raise FrameError where all of them are far smaller than the mesh, as offsets from the
+        neutral are.  neutral: (V, 3)."""
+        least, largest = _SMALLEST * _size(neutral), 0.0
+        for shape in self.positions:
+            largest = max(largest, _size(shape))
+            if largest >= least:
+                return
+        if len(self):
+            raise FrameError(
+                f"shapes are {largest / max(least / _SMALLEST, _TINY):.2g} of the size of the mesh "
+                "or less: they must be positions of all vertices, not offsets from the neutral"
+            )
+
     @property
     def named(self) -> bool:
         """Whether the expressions have names that a caller can ask for; frames have numbers."""
@@ -116,6 +132,11 @@ def evenly_spaced(count: int) -> list[int]:
         return list(range(count))
     picked = np.linspace(0.0, count - 1.0, MOST_EXPRESSIONS)
     return [int(i) for i in np.rint(picked)]
+
+
+def _size(positions: NDArray[np.floating]) -> float:
+    """Root mean square distance from the mean."""
+    return float(np.sqrt(positions.var(axis=0, dtype=np.float64).sum()))
 
 
 def _check_finite(positions: NDArray[np.float32], names: Sequence[str]) -> None:

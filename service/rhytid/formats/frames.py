@@ -17,8 +17,8 @@ from rhytid.formats.npz import (
     NpyHeader,
     check_frames,
     read_npy_header,
+    read_npz_expressions,
     read_npz_frames,
-    read_npz_shapes,
 )
 from rhytid.formats.obj import read_obj_positions
 
@@ -81,10 +81,8 @@ def read_expressions(data: bytes, name: str, vertices: int, centre: Centre = ORI
     """
     extension = PurePath(name).suffix.lower()
     if extension == ".npz":
-        shapes = read_npz_shapes(data, vertices, centre)
-        if shapes is not None:
-            return shapes
-    elif extension != ".npy":
+        return read_npz_expressions(data, vertices, centre)
+    if extension != ".npy":
         known = ", ".join(SHAPE_EXTENSIONS)
         raise FrameError(f"shapes with extension {extension!r}: must be one of {known}")
     # These are less the centre already.

@@ -78,6 +78,8 @@ def read_mesh(data: bytes, name: str) -> MeshFile:
     if extension == ".npz":
         mesh, frames = read_npz(data)
         shapes = read_npz_shapes(data, len(mesh.positions), mesh.centre)
+        if shapes is not None:
+            shapes.check_size(mesh.positions)
         unused, notes = unread_arrays(data)
         return MeshFile(mesh, frames, shapes, notes=notes, unused=unused)
     if extension in _WITH_SHAPES:

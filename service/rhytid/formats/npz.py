@@ -17,7 +17,7 @@ import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -94,15 +94,30 @@ def unread_arrays(data: bytes) -> tuple[tuple[InputWarning, ...], tuple[str, ...
     whose name is nearly that of a member that would be read and is not there, and a note of the
     others: `uv2` beside `uv` is no slip."""
     archive = Archive(data, MeshError)
-    strange = [name for name in archive if name not in _MEMBERS]
-    missing = [name for name in _OPTIONAL if name not in archive]
-    meant = {name: get_close_matches(name.lower(), missing, 1, _NEAR) for name in strange}
-    slips = [f"{name!r:.40} (did you mean {near[0]}?)" for name, near in meant.items() if near]
-    others = [f"{name!r:.40}" for name, near in meant.items() if not near]
+    slips, others = _slips(archive, _OPTIONAL)
     detail = f"not read: {_told(slips)}; arrays of a mesh are {', '.join(_MEMBERS)}"
     warning = InputWarning(ARRAYS_UNUSED, detail, "the mesh file")
     note = f"arrays of the mesh file that are not read: {_told(others)}"
     return (warning,) if slips else (), (note,) if others else ()
+
+
+def _slips(archive: Archive, wanted: Iterable[str]) -> tuple[list[str], list[str]]:
+    """Members that nothing reads: likely slips for those of the wanted that are not there, and
+    others."""
+    missing = [name for name in wanted if name not in archive]
+    strange = [name for name in archive if name not in _MEMBERS]
+    meant = {name: _meant(name.lower(), missing) for name in strange}
+    slips = [f"{name!r:.40} (did you mean {near}?)" for name, near in meant.items() if near]
+    return slips, [f"{name!r:.40}" for name, near in meant.items() if not near]
+
+
+def _meant(name: str, missing: Sequence[str]) -> str | None:
+    """Which of the missing members a name is likely meant for, `blendshapes` for shapes, too; and
+    `shape_names` for their names, where they are there."""
+    for word in ("shapes", "names"):
+        if name.endswith(word) and word in missing and ("shapes" in missing) == (word == "shapes"):
+            return word
+    return next(iter(get_close_matches(name, missing, 1, _NEAR)), None)
 
 
 def _told(names: list[str]) -> str:
@@ -147,8 +162,25 @@ def read_npz_shapes(data: bytes, vertices: int, centre: Centre = ORIGIN) -> Expr
     """The members `shapes` (E, V, 3) and `names` (E,) of a .npz file as expressions; None where
     there is no `shapes`. Raises FrameError or LimitError."""
     archive = Archive(data, FrameError)
-    if "shapes" not in archive:
-        return None
+    return _shapes(archive, vertices, centre) if "shapes" in archive else None
+
+
+def read_npz_expressions(data: bytes, vertices: int, centre: Centre = ORIGIN) -> Expressions:
+    """As `read_npz_shapes`, or else the frames of the file; raises FrameError where it has neither,
+    with what may have been meant to be."""
+    archive = Archive(data, FrameError)
+    if "shapes" in archive:
+        return _shapes(archive, vertices, centre)
+    if "frames" in archive:
+        # These are less the centre already.
+        return Expressions.checked(_frames(archive, vertices, centre), vertices)
+    slips, others = _slips(archive, ("shapes", "frames"))
+    known = [repr(name) for name in _MEMBERS if name in archive]
+    held = _told([*slips, *others, *known]) or "nothing"
+    raise FrameError(f"the archive has neither 'shapes' nor 'frames'; it has {held}")
+
+
+def _shapes(archive: Archive, vertices: int, centre: Centre) -> Expressions:
     names = None
     if "names" in archive:
         texts = archive.read("names", names=True)

@@ -104,7 +104,9 @@ def _shapes(part: Sent, mesh: Mesh) -> Expressions:
     name = part.filename or ""
     if not PurePath(name).suffix:
         raise InputError("part shapes has no filename with .npz or .npy: it names the format")
-    return read_expressions(part.data, name, len(mesh.positions), mesh.centre)
+    shapes = read_expressions(part.data, name, len(mesh.positions), mesh.centre)
+    shapes.check_size(mesh.positions)
+    return shapes
 
 
 def _stiffness(parts: Files, mesh: Mesh) -> Stiffness:
