@@ -182,9 +182,10 @@ def on_triangles(
 
 
 def invariants(x: Any, y: Any, xx: Any, xy: Any, yy: Any) -> tuple[Any, ...]:
-    """Of moments: what a turn of the axes leaves."""
+    """Of moments: what a turn of the axes leaves. The determinant, not its root, which magnifies
+    what is rounded where it is small."""
     by = x * x * xx + 2 * x * y * xy + y * y * yy
-    return x * x + y * y, xx + yy, np.sqrt((xx * yy - xy * xy).clip(0)), by
+    return x * x + y * y, xx + yy, xx * yy - xy * xy, by
 
 
 def test_a_probe_reads_the_map_and_the_stretch(both: Both) -> None:
