@@ -13,6 +13,7 @@ from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.events import Events
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.hashes import place_keys
+from rhytid.synthesis.leader_families import leading_any_way
 from rhytid.synthesis.lines import Lines, ends_of, joins_of
 from rhytid.synthesis.pore_density import Usual
 from rhytid.synthesis.progress import Progress, over_block, over_rows, part, row_blocks
@@ -130,28 +131,16 @@ class GraphParts:
 
     def _beside(self) -> dict[str, NDArray[np.float32]]:
         """Factors of nodes by name: of pores, of nodes beyond a border, then of events."""
-        found = {}
+        found, fields, ranks = {}, self.ground.fields, self.strengths.ranks
+        points = [self.pores] if self.events is None else [self.pores, self.events.points]
         for name in _USUAL:
-            factor = getattr(self.ground.fields, name.removeprefix("node_"))
-            if name == "node_patchiness":
-                factor = self._patchiness_of_swells
-            every = factor(self.pores.triangle, self.pores.uv)
-            every = np.concatenate([every, every[self.lines.owner]])
-            if self.events is not None:
-                at = self.events.points
-                every = np.concatenate([every, factor(at.triangle, at.uv)])
-            found[name] = every
-        return found
-
-    def _patchiness_of_swells(
-        self, triangle: NDArray[np.integer], uv: NDArray[np.floating]
-    ) -> NDArray[np.float32]:
-        """(N,) patchiness of grain and undulation: the calmer the skin, the less above _CALM."""
-        fields, ranks = self.ground.fields, self.strengths.ranks
-        found = fields.patchiness(triangle, uv)
-        if ranks is not None:
-            above = np.maximum(found - _CALM, np.float32(0.0))
-            found = found - above * calm_of(fields, ranks.rank, triangle, uv)
+            factor = getattr(fields, name.removeprefix("node_"))
+            every = [factor(some.triangle, some.uv) for some in points]
+            if name == "node_patchiness" and ranks is not None:
+                beside = (leading_any_way(fields, p.triangle, p.uv) for p in points[1:])
+                calm = ranks.calm, *(calm_of(leading, ranks.rank) for leading in beside)
+                every = [_calmed(*both) for both in zip(every, calm, strict=True)]
+            found[name] = np.concatenate([every[0], every[0][self.lines.owner], *every[1:]])
         return found
 
     def _shares(self, weight: NDArray[np.float32], width: NDArray[np.float32]) -> Arrays:
@@ -263,6 +252,13 @@ def graph_of(arrays: Arrays) -> WrinkleGraph:
             array = np.frombuffer(array.tobytes(), array.dtype).reshape(array.shape)
         found[name] = array
     return WrinkleGraph(**found, origin=None)
+
+
+def _calmed(patchiness: NDArray[np.float32], calm: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(N,) patchiness of grain and undulation: the calmer the skin, the less above _CALM."""
+    above = np.maximum(patchiness - _CALM, np.float32(0.0))
+    calmed: NDArray[np.float32] = patchiness - above * calm
+    return calmed
 
 
 def _of_nodes(arrays: Arrays, every: dict[str, NDArray[np.float32]]) -> Arrays:

@@ -7,7 +7,6 @@ and wherever skin folds one way.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy
@@ -140,7 +139,7 @@ class Ranks:
         of_pores = np.ones(len(net.pores), np.float32)
         of_pores[net.first] = _BEADS ** min(rank, 1.0)
         quiet = (quiet**rank).astype(np.float32)
-        calm = calm_of(fields, rank, net.pores.triangle, net.pores.uv)
+        calm = calm_of(leading, rank)
         return cls(
             row, _beside_none(0.0, middle * profile), _beside_none(np.inf, 1.0 / middle),
             _beside_none(0.0, width), _beside_none(0.0, np.minimum(profile, 1.0)),
@@ -213,9 +212,9 @@ class RankedLines:
     calm: Singles
 
 
-def calm_of(fields: Fields, rank: float, triangle: NDArray[Any], uv: NDArray[Any]) -> Singles:
-    """(N,) how far patches do not make skin between leaders livelier: 0 to 1."""
-    leading = leading_any_way(fields, triangle, uv)
+def calm_of(leading: Singles, rank: float) -> Singles:
+    """(N,) how far patches do not make skin between leaders livelier, 0 to 1.  leading (N,): how
+    far skin has leaders, in any direction."""
     found: Singles = np.minimum(np.float32(min(rank, 1.0)) * leading, np.float32(1.0))
     return found
 
