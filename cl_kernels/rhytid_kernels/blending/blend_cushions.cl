@@ -77,7 +77,7 @@ inline void blend_samples(__global const int *owners, __global const CODE *codes
     __global const int *owners##k, __global const CODE *codes##k, __global float *out##k
 #define BLEND(k)                                                                                   \
     case k:                                                                                        \
-        blend_samples(owners##k, codes##k, stretches, steps, last, exponent, out##k);                 \
+        blend_samples(owners##k, codes##k, stretches, steps, last, exponent, out##k);              \
         break;
 
 // With the hint as in blend.cl.

@@ -18,7 +18,7 @@ from rhytid.errors import FrameError, InputError
 MOST_EXPRESSIONS = 400
 _LONGEST_NAME = 256
 # Of the size of the mesh: no face is so small in every expression, and offsets are smaller.
-_SMALLEST, _TINY = 0.2, 1e-300
+_SMALLEST = 0.2
 # What `graph.lines` can say.
 AUTO, BY_EXPRESSIONS, LEVEL = LINES = ("auto", "expressions", "level")
 # Expressions that move anything, from which on what they leave alone counts as never folding.
@@ -86,15 +86,11 @@ class Expressions:
     def check_size(self, neutral: NDArray[np.floating]) -> None:
         """Raise FrameError where all of them are far smaller than the mesh, as offsets from the
         neutral are.  neutral: (V, 3)."""
-        least, largest = _SMALLEST * _size(neutral), 0.0
-        for shape in self.positions:
-            largest = max(largest, _size(shape))
-            if largest >= least:
-                return
-        if len(self):
+        least = _SMALLEST * _size(neutral)
+        if len(self) and all(_size(shape) < least for shape in self.positions):
             raise FrameError(
-                f"shapes are {largest / max(least / _SMALLEST, _TINY):.2g} of the size of the mesh "
-                "or less: they must be positions of all vertices, not offsets from the neutral"
+                f"no shape is {100 * _SMALLEST:g} % as large as the mesh: they must be positions "
+                "of all vertices, not offsets from the neutral"
             )
 
     @property

@@ -37,8 +37,8 @@ _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 # Bytes that are unpacked at a time.
 _PIECE = 1 << 20
 _OF_MESH = ("positions", "neutral", "faces", "uv", "face_uv")
-_MEMBERS = (*_OF_MESH, "frames", "shapes", "names")
 _OPTIONAL = ("frames", "shapes", "names")
+_MEMBERS = (*_OF_MESH, *_OPTIONAL)
 # Members that are not read and told by name; and how alike names are, of 1, where one is a slip.
 _TOLD, _NEAR = 8, 0.75
 # The errors of zipfile for damaged, encrypted and unknown archives.

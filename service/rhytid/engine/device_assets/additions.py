@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -33,12 +34,7 @@ class DeviceEvents:
         if self._base.elements[udim].events is None:
             return draw
 
-        def with_events(row: int, column: int, side: int) -> Buffer:
-            out = draw(row, column, side)
-            self.add(out, frame, query, udim, (row, column, side))
-            return out
-
-        return with_events
+        return _adding(draw, lambda out, square: self.add(out, frame, query, udim, square))
 
     def add(self, out: Buffer, frame: Frame, query: MapQuery, udim: int, square: Square) -> None:
         """Add the events of a frame to a square of level 0."""
@@ -114,12 +110,7 @@ class DeviceGrain:
         if not self.shows:
             return draw
 
-        def grained(row: int, column: int, side: int) -> Buffer:
-            out = draw(row, column, side)
-            self.add(out, frame, query, udim, (row, column, side))
-            return out
-
-        return grained
+        return _adding(draw, lambda out, square: self.add(out, frame, query, udim, square))
 
     def add(self, out: Buffer, frame: Frame, query: MapQuery, udim: int, square: Square) -> None:
         """Add the grain of a frame to a square of level 0; only where grain `shows`."""
@@ -150,3 +141,14 @@ class DeviceGrain:
         shares = base.relief_shares, base.patch_size
         make = partial(GrainPlanes, base.device, base.mesh, base.settings, *shares)
         return base.cache.keep("planes", make=make)
+
+
+def _adding(draw: Draw, add: Callable[[Buffer, Square], None]) -> Draw:
+    """Draws as `draw` does, and adds to what it drew."""
+
+    def drawn(row: int, column: int, side: int) -> Buffer:
+        out = draw(row, column, side)
+        add(out, (row, column, side))
+        return out
+
+    return drawn
