@@ -13,7 +13,7 @@ from safetensors.numpy import load, save
 
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.errors import GraphError
-from rhytid.formats.graphs import read_graph, write_graph
+from rhytid.formats.graphs import graph_pieces, read_graph, write_graph
 
 ARRAYS: dict[str, Any] = {
     "node_uv": np.array([[0.1, 0.1], [0.2, 0.1], [1.5, 0.9]], np.float32),
@@ -59,6 +59,42 @@ def test_the_same_graph_is_the_same_bytes_with_its_metadata_in_order() -> None:
     length = int.from_bytes(data[:8], "little")
     assert length % 8 == 0  # tensors stay aligned
     assert json.loads(data[8 : 8 + length])["__metadata__"] == METADATA
+
+
+def as_the_library_writes(graph: WrinkleGraph, metadata: dict[str, str] | None) -> bytes:
+    """A file by the library, with sorted metadata in its header."""
+    data: bytes = save(graph.arrays())
+    if not metadata:
+        return data
+    start = 8 + int.from_bytes(data[:8], "little")
+    header = {"__metadata__": dict(sorted(metadata.items())), **json.loads(data[8:start])}
+    text = json.dumps(header, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 8)
+    return len(text).to_bytes(8, "little") + text + data[start:]
+
+
+@pytest.mark.parametrize("metadata", [None, {}, METADATA])
+@pytest.mark.parametrize("names", [[], ["node_metric"], ["node_triangle"], list(OPTIONAL)])
+def test_the_bytes_are_those_of_the_library(
+    names: list[str], metadata: dict[str, str] | None
+) -> None:
+    """Stored graphs, and ids made of content, stay what they were."""
+    graph = WrinkleGraph(**ARRAYS, **{name: OPTIONAL[name] for name in names})
+    assert write_graph(graph, metadata) == as_the_library_writes(graph, metadata)
+
+
+def test_a_graph_without_wrinkles_is_written() -> None:
+    none = {name: array[:0] for name, array in {**ARRAYS, **OPTIONAL}.items()}
+    graph = WrinkleGraph(**none)
+    assert write_graph(graph) == as_the_library_writes(graph, None)
+
+
+def test_pieces_are_views_of_the_arrays() -> None:
+    graph = WrinkleGraph(**ARRAYS, **OPTIONAL)
+    _, *pieces = graph_pieces(graph)
+    assert len(pieces) == len(graph.arrays())
+    for array in graph.arrays().values():
+        assert any(np.shares_memory(array, np.asarray(piece)) for piece in pieces)
 
 
 @given(st.integers(1, 40), st.integers(0, 60), st.integers(0, 2**31))

@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> None:
 def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     # Imported here, so that --help needs no OpenCL.
     from rhytid.baking.input_files import mesh_file, shape_files
-    from rhytid.formats.graphs import write_graph
+    from rhytid.formats.graphs import graph_pieces
     from rhytid.synthesis.build_size import BuildSize
     from rhytid.synthesis.capacity import check_amount
     from rhytid.synthesis.generate import synthesize
@@ -119,7 +119,7 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     lengths = drawn.lengths(made.spacing)
     origin = GraphOrigin.of(mesh, unit, lengths, settings.start, made.graph.origin)
     graph = replace(made.graph, origin=origin)
-    whole_file(out, [write_graph(graph)])
+    whole_file(out, graph_pieces(graph))
     facts = {"file": str(out), "seconds": seconds, "warnings": warnings.figures()}
     write_outputs(arguments, device, mesh, graph, facts)
     if folds is not None and arguments.preview is not None:

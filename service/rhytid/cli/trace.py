@@ -190,11 +190,11 @@ def _traced(device: Device, scan: _Scan) -> _Found:
 
 def _write(out: Path, device: Device, scan: _Scan, found: _Found) -> None:
     """Write all files, which appear together when the last one is complete."""
-    from rhytid.formats.graphs import write_graph
+    from rhytid.formats.graphs import graph_pieces
     from rhytid.support.atomic_files import install, working_folder, write_file, write_pieces
 
     with working_folder(out) as place, working("writing"):
-        write_pieces(place / GRAPH, [write_graph(found.trace.graph)])
+        write_pieces(place / GRAPH, graph_pieces(found.trace.graph))
         for udim, residual in sorted(found.trace.residual.items()):
             pieces = _residual(device, scan, udim, residual)
             write_pieces(place / f"residual.{udim}.exr", pieces)

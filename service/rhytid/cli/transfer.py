@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> None:
 def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     from rhytid.baking.input_files import graph_file, mesh_file
     from rhytid.cli.graph_output import open_device, placed_graph, whole_file
-    from rhytid.formats.graphs import write_graph
+    from rhytid.formats.graphs import graph_pieces
     from rhytid.meshes.transfer import transfer
 
     out: Path = arguments.out
@@ -89,7 +89,7 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     )
     with working("carrying the graph over"):
         moved = transfer(graph, old, new, arguments.reach)
-    whole_file(out, [write_graph(moved.graph)])
+    whole_file(out, graph_pieces(moved.graph))
     figures = {"file": str(out), **_figures(graph, moved), "warnings": warnings.figures()}
     rows = [(name, _text(value)) for name, value in figures.items() if name != "warnings"]
     report(figures, table(("figure", "value"), rows), arguments.json)
