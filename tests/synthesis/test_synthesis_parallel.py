@@ -14,10 +14,11 @@ from rhytid.device import launches
 from rhytid.device.runtime import Device
 from rhytid.domain.mesh import Mesh
 from rhytid.synthesis import workspace
+from rhytid.synthesis.dart_selection import DartSelection, Throw
 from rhytid.synthesis.edges import LEAST_ANGLE, REACH, crossings
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.generate import synthesize
-from rhytid.synthesis.pores import Darts, DartSelection, Throw
+from rhytid.synthesis.pores import Darts
 from rhytid.synthesis.surface import Surface
 from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets
@@ -42,10 +43,10 @@ class Wider(Fields):
 def test_darts_are_kept_as_if_thrown_one_by_one(
     device: Device, monkeypatch: pytest.MonkeyPatch, make: Callable[[], Mesh], fields: Fields
 ) -> None:
-    monkeypatch.setattr("rhytid.synthesis.pores._SPARE", 16)  # so that it must make room
+    monkeypatch.setattr("rhytid.synthesis.dart_selection._SPARE", 16)  # so that it must make room
     with Workspace(device) as work:
         darts = Darts(work, Surface.of(make()), fields, RADIUS, 5, 700)
-        sieve, none = (DartSelection(work, darts, RADIUS, fields, 10.0) for _ in range(2))
+        sieve, none = (DartSelection(work, darts.lattice, RADIUS, fields, 10.0) for _ in range(2))
         thrown = []
         for turn in range(2):
             for throw in darts.throws(turn, 2000 / darts.room, none):
@@ -68,7 +69,9 @@ def test_darts_that_are_left_out_ahead_would_not_be_kept(
     with Workspace(device) as work:
         for sifts in (False, True):
             darts = Darts(work, surface, fields, RADIUS, 5, 700)
-            sieve, none = (DartSelection(work, darts, RADIUS, fields, 5000.0) for _ in range(2))
+            sieve, none = (
+                DartSelection(work, darts.lattice, RADIUS, fields, 5000.0) for _ in range(2)
+            )
             looked_at.append(0)
             for turn in range(3):
                 for throw in darts.throws(turn, 2000 / darts.room, sieve if sifts else none):
@@ -97,7 +100,7 @@ def test_darts_are_uniform_by_area_in_space(
     count = 100_000
     with Workspace(device) as work:
         darts = Darts(work, surface, Fields(), RADIUS, 5, 2 * count)
-        none = DartSelection(work, darts, RADIUS, Fields(), 10.0)
+        none = DartSelection(work, darts.lattice, RADIUS, Fields(), 10.0)
         monkeypatch.setattr("rhytid.synthesis.pores._FIRST", 2 * count)
         (place, _, _) = counting(work, next(darts.throws(0, count / darts.room, none)))
     assert len(place) == pytest.approx(count, rel=1e-3)
@@ -115,7 +118,7 @@ def test_few_darts_are_thrown_first_and_then_as_many_as_before(
     monkeypatch.setattr("rhytid.synthesis.pores._FIRST", 100)
     with Workspace(device) as work:
         darts = Darts(work, Surface.of(sheets.sheet(sheets.uneven)), Fields(), RADIUS, 5, 3000)
-        sieve = DartSelection(work, darts, RADIUS, Fields(), 10.0)
+        sieve = DartSelection(work, darts.lattice, RADIUS, Fields(), 10.0)
         thrown = [[t.of for t in darts.throws(turn, 3000 / darts.room, sieve)] for turn in range(2)]
     first, second = thrown
     assert first[0] <= 100

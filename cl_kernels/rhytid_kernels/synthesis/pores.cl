@@ -101,7 +101,7 @@ __kernel void count_pores(int first, int count, __global const int *pores, __glo
         atomic_inc(starts + pores[8 * i + 7] + 2);
 }
 
-// As in pores.py.
+// As in dart_selection.py.
 #define CHUNK 1024
 
 // The sum of each CHUNK of starts. The hint keeps compilers from taking several chunks at once in one

@@ -9,21 +9,19 @@ word from its place in the map: nothing beside the triangle decides which they a
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from rhytid.device.buffer import Buffer
+from rhytid.synthesis.dart_selection import DartSelection, Throw
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.hashes import Words, random4, triangle_keys
-from rhytid.synthesis.incidence import KEPT, until_decided
-from rhytid.synthesis.kept_pores import KeptPores, PoreLists
-from rhytid.synthesis.lattice import Grid, Lattice, spatial_order
+from rhytid.synthesis.lattice import Lattice, spatial_order
 from rhytid.synthesis.pore_density import PACKING, densities, effective_area, spacings
 from rhytid.synthesis.progress import Progress, over_rows
-from rhytid.synthesis.surface import FloatArray, Points, Surface, unit
+from rhytid.synthesis.surface import FloatArray, Points, Surface
 from rhytid.synthesis.workspace import Workspace
 
 _PHASE = 0x9E3779B9
@@ -37,9 +35,6 @@ BATCH, MOST_AT_A_TIME = 1 << 20, 1 << 23
 _FIRST = 1 << 16
 # As many times more, at most, as pores leave one of so many to be more than looked at.
 _FEWER = 8
-# A pore this much beyond the radius is still too close: what the device rounds.
-_ROUNDING = 1.0 + 1e-6
-_SPARE = 1024
 # Darts that a work-item looks at, as in darts.cl.
 _TOGETHER = 8
 # Numbers of each dart of a throw by name, and their kind.
@@ -86,7 +81,7 @@ def scatter_around(
         a_room = PACKING / radius**2
         most = int(np.clip(a_room * surface.area.sum(), BATCH, MOST_AT_A_TIME))
         darts = Darts(nested, surface, fields, radius, seed, most)
-        selection = DartSelection(nested, darts, radius, fields, a_room * darts.filled)
+        selection = DartSelection(nested, darts.lattice, radius, fields, a_room * darts.filled)
         if first is not None and len(first):
             selection.start_with(first, spacings(fields, first.triangle, first.uv))
         every = max(sum(DARTS) * a_room * darts.room, 1.0)
@@ -104,129 +99,6 @@ def scatter_around(
 def packed_radius(surface: Surface, fields: Fields, pores: float) -> float:
     """The radius, in units of the surface, at which about so many pores fit on it."""
     return float(np.sqrt(PACKING * effective_area(surface, fields) / pores))
-
-
-class DartSelection:
-    """The pores that were kept so far; each batch of darts adds some.
-
-    expected: about how many pores there will be; more fit.
-    """
-
-    def __init__(
-        self, work: Workspace, darts: Darts, radius: float, fields: Fields, expected: float
-    ) -> None:
-        self.count = 0
-        self._work, self._lattice = work, darts.lattice
-        reach = radius * _ROUNDING
-        self._cell = self._lattice.steps(reach * fields.most_spacing)
-        self._scale = float(self._lattice.unit / reach)
-        self._kept = KeptPores.empty(work, int(1.1 * expected) + _SPARE)
-        self._lists: PoreLists | None = None
-
-    def start_with(self, pores: Points, factor: NDArray[np.float32]) -> None:
-        """Keep pores before any dart.  factor (L,): of the spacing at each."""
-        upload, count = self._work.upload, len(pores)
-        arrays = (
-            pores.triangle.astype(np.int32), self._lattice.places(pores.position),
-            pores.normal.astype(np.float32), pores.uv.astype(np.float32), factor,
-        )  # fmt: skip
-        triangle, place, normal, uv, factors = (upload(array) for array in arrays)
-        none = upload(np.zeros(count, np.uint32))
-        throw = Throw(count, count, triangle, place, normal, uv, factors, none, none)
-        self._add(throw, np.arange(count, dtype=np.int32))
-        self._work.release(triangle, place, normal, uv, factors, none)
-
-    @property
-    def lists(self) -> tuple[Any, ...]:
-        """The arguments of kernels that look for pores that are too close."""
-        if self._lists is None:
-            self._lists = PoreLists.of(self._work, self._kept, self.count)
-        return self._cell, *self._lists.arguments, self._scale
-
-    def take(self, darts: Throw) -> None:
-        """Keep those darts of a throw that fit."""
-        room = self._work.empty(darts.count, np.uint8)
-        self._work.run(
-            "pores", "find_room", darts.count, darts.triangle, darts.place, darts.normal,
-            darts.factor, darts.level, *self.lists, room,
-        )  # fmt: skip
-        fitting = np.flatnonzero(self._work.read(room, (darts.count,), np.uint8))
-        self._work.release(room)
-        if len(fitting):
-            self._add(darts, self._thinned(darts, fitting.astype(np.int32)))
-
-    def points(self) -> tuple[Points, NDArray[np.intp]]:
-        """The pores in spatial order, and (N,) that order of those that were kept."""
-        read, count = self._work.read, self.count
-        found = read(self._kept.pores, (count, 8), np.int32)
-        order = spatial_order(found[:, :3])
-        position = self._lattice.positions(found[order, :3])
-        normal = unit(found[order, 4:7].view(np.float32))
-        del found
-        triangle = read(self._kept.triangle, (count,), np.int32)[order]
-        uv = read(self._kept.uv, (count, 2), np.float32)[order]
-        return Points(triangle, uv, position, normal), order
-
-    def _thinned(self, darts: Throw, fitting: NDArray[np.int32]) -> NDArray[np.int32]:
-        """The fitting darts that are kept when they come in the order of priority."""
-        with self._work.nested() as nested:
-            listed = nested.upload(fitting)
-            grid = Grid.empty(nested, self._cell, len(fitting), darts.count)
-            grid.insert_listed(nested, darts.place, listed, len(fitting))
-            arguments = (
-                listed, darts.place, darts.normal, darts.factor, darts.priority, *grid.arguments,
-                self._scale,
-            )  # fmt: skip
-            state = until_decided(
-                nested, "pores", "decide_darts", len(fitting), arguments, darts.count
-            )
-            kept = nested.read(state, (darts.count,), np.uint8)[fitting] == KEPT
-        chosen: NDArray[np.int32] = fitting[kept]
-        return chosen
-
-    def _add(self, darts: Throw, chosen: NDArray[np.int32]) -> None:
-        if self.count + len(chosen) > self._kept.most:
-            self._make_room(2 * (self.count + len(chosen)))
-        listed = self._work.upload(chosen)
-        self._work.run(
-            "pores", "take_darts", len(chosen), self.count, listed, darts.triangle, darts.place,
-            darts.normal, darts.uv, darts.factor, self._cell, *self._kept.arrays,
-        )  # fmt: skip
-        self._work.release(listed)
-        self.count += len(chosen)
-        if self._lists is not None:
-            self._work.release(self._lists.starts, self._lists.numbers)
-        self._lists = None
-
-    def _make_room(self, most: int) -> None:
-        """Move the pores to larger arrays: along borders more fit than the area suggests."""
-        old, self._kept = self._kept, KeptPores.empty(self._work, most)
-        self._work.run(
-            "pores", "move_pores", self.count, old.pores, old.triangle, old.uv, self._cell,
-            *self._kept.arrays,
-        )  # fmt: skip
-        self._work.release(old.pores, old.triangle, old.uv)
-
-
-@dataclass(frozen=True, eq=False)
-class Throw:
-    """N darts on the device, of so many that were thrown; the next throw overwrites them.
-
-    triangle (N,) int32, -1 for a dart outside the UDIMs or on bare skin.  place (N, 3) int32 on the
-    lattice.  normal (N, 3) float32, not of unit length.  uv (N, 2) float32.  factor (N,) float32:
-    of the spacing there.  priority (N,) uint32.  level (N,) float32: a dart counts where this is
-    below one over the squared factor.
-    """
-
-    count: int
-    of: int
-    triangle: Buffer
-    place: Buffer
-    normal: Buffer
-    uv: Buffer
-    factor: Buffer
-    priority: Buffer
-    level: Buffer
 
 
 class Darts:
