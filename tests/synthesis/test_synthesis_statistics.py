@@ -83,6 +83,27 @@ def test_a_graph_that_can_be_counted_by_hand(device: Device) -> None:
     assert figures["distance"]["mean"] == pytest.approx(apart.min(axis=1).mean())
 
 
+def test_wrinkles_are_looked_at_in_blocks(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """More than fit into a block, some of them not drawn: the figures are those of all at once."""
+    mesh = sheets.sheet(sheets.uneven)
+    graph = synthesize(mesh, replace(wanted(140_000), patches=0.0), device).graph
+    drawn = np.arange(graph.wrinkles) % 7 > 0
+    graph = replace(graph, edge_weight=graph.edge_weight * drawn)
+    monkeypatch.setattr("rhytid.synthesis.progress.ROWS", 1 << 16)
+    figures = statistics(mesh, graph, device)
+    nodes, weight = graph.edge_nodes[drawn], graph.edge_weight[drawn].astype(np.float64)
+    step = np.diff(sheets.places(Surface.of(mesh), graph)[nodes], axis=1)[:, 0]
+    length = np.linalg.norm(step, axis=1)
+    assert figures["length"]["mean"] == pytest.approx(length.mean(), rel=1e-9)
+    assert figures["length"]["deviation"] == pytest.approx(length.std(), rel=1e-9)
+    assert figures["strengths"] == np.histogram(weight, 10, (0.0, 1.0))[0].tolist()
+    degree = np.bincount(nodes.ravel(), minlength=graph.pores)
+    assert figures["degree"]["histogram"] == np.bincount(degree).tolist()
+    assert sum(figures["angles"]) == figures["drawn_wrinkles"] == len(nodes)
+    shares = np.array(figures["angles"]) * figures["angle_strengths"]
+    assert shares.sum() == pytest.approx(weight.sum(), rel=1e-5)
+
+
 def test_what_is_not_drawn_counts_for_itself(device: Device) -> None:
     weight = np.array([0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.0])
     figures = statistics(*cross(node_weight=weight, edge_weight=[0.25, 0.0, 1.0]), device)

@@ -182,7 +182,8 @@ class WrinkleGraph:
         pores = self.own_nodes
         if self.node_grain is not None:
             shown = self.node_weight > 0
-            shown[self.edge_nodes] = True
+            for start in range(0, self.wrinkles, _ROWS):
+                shown[self.edge_nodes[start : start + _ROWS]] = True
             pores = pores & shown
         if self.node_kind is not None:
             pores = pores & (self.node_kind == 0)

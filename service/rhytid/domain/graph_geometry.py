@@ -20,6 +20,8 @@ from rhytid.errors import GraphError
 # it lies in the plane of one triangle and the other pore does not, at folds not by far; and the
 # most of the way that it goes, with room for rounding.
 _COSINE, _MOST = 0.1, 1.05
+# Wrinkles that are looked up at a time: what is computed on the way stays in the cache.
+_ROWS = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,16 +113,20 @@ def node_places(mesh: Mesh, graph: WrinkleGraph, nodes: NDArray[np.integer]) -> 
     return surface_points(mesh, graph.node_uv[nodes], graph.node_triangle[nodes])
 
 
-def whole_wrinkles(mesh: Mesh, graph: WrinkleGraph) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def whole_wrinkles(mesh: Mesh, graph: WrinkleGraph) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Rows (W,) of the wrinkles, each once, and the nodes (W, 2) that each joins.
 
     A wrinkle across a seam has the row of the original or of its first half, and both its pores.
     """
     if graph.edge_copy_of is not None or graph.node_copy_of is not None:
         rows = np.flatnonzero(graph.own_edges)
-        return rows, graph.original_nodes(graph.edge_nodes[rows]).astype(np.int64)
+        nodes = np.empty((len(rows), 2), np.int32)
+        for start in range(0, len(rows), _ROWS):
+            some = slice(start, start + _ROWS)
+            nodes[some] = graph.original_nodes(graph.edge_nodes[rows[some]])
+        return rows, nodes
     pairs = seam_halves(mesh, graph)
-    nodes = graph.edge_nodes.astype(np.int64)
+    nodes = graph.edge_nodes.copy()
     nodes[pairs[:, 0], 1] = nodes[pairs[:, 1], 0]
     rows = np.delete(np.arange(graph.wrinkles), pairs[:, 1])
     return rows, nodes[rows]

@@ -16,7 +16,7 @@ from rhytid.errors import GraphError
 from rhytid.synthesis.edges import DEFINES, crossings
 from rhytid.synthesis.fields import level_directions
 from rhytid.synthesis.lattice import DevicePoints
-from rhytid.synthesis.progress import row_blocks
+from rhytid.synthesis.progress import over_rows, row_blocks
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface
 from rhytid.synthesis.workspace import Workspace
 
@@ -48,10 +48,21 @@ def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any
     """
     surface = Surface.of(mesh)
     net = _net(mesh, surface, graph)
+    figures = _figures(surface, graph, net)
+    pores = net.points if net.pores.all() else net.points.take(net.pores)
+    length, count = net.length.astype(np.float32), max(len(net.nodes), 1)
+    points, nodes = net.points, net.nodes
+    del net  # it may be large, and so is what is put on the device
     with Workspace(device) as work:
-        mean, deviation = mean_spacing(work, net.points.take(net.pores))
-        crossing = len(crossings(work, net.points, net.nodes, net.length.astype(np.float32)))
-    count = max(len(net.weight), 1)
+        mean, deviation = mean_spacing(work, pores)
+        del pores
+        crossing = len(crossings(work, points, nodes, length))
+    distance = {"mean": mean * surface.scale, "deviation": deviation * surface.scale}
+    return figures | {"distance": distance, "crossings": crossing / count}
+
+
+def _figures(surface: Surface, graph: WrinkleGraph, net: _Net) -> dict[str, Any]:
+    """The figures in their order, without those that are found on the device."""
     pores, wrinkles = graph.counts()
     return {
         "pores": pores,
@@ -62,12 +73,12 @@ def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any
         "copied_wrinkles": graph.wrinkles - wrinkles,
         "seam_wrinkles": net.seams,
         "events": graph.event_counts(),
-        "distance": {"mean": mean * surface.scale, "deviation": deviation * surface.scale},
-        "length": _moments(net.length * surface.scale),
+        "distance": None,
+        "length": _moments(net.length, surface.scale),
         "degree": _degrees(net),
-        "crossings": crossing / count,
-        "strengths": np.histogram(net.weight, STRENGTHS, (0.0, 1.0))[0].tolist(),
-        **_angles(net),
+        "crossings": None,
+        "strengths": _strengths(net.weight).tolist(),
+        **_angles(surface, net),
     }
 
 
@@ -114,15 +125,14 @@ def _within(
 @dataclass(frozen=True, eq=False)
 class _Net:
     """The drawn part of a graph.  points (N,): the nodes on the surface.  pores (N,): those with a
-    strength. Of wrinkles nodes (W, 2), step (W, 3), length (W,), weight (W,).  seams: how many of
-    them join pores on two sides of a UV seam."""
+    strength. Of wrinkles nodes (W, 2), length (W,), weight (W,).  seams: how many of them join
+    pores on two sides of a UV seam."""
 
     points: Points
     pores: BoolArray
     nodes: NDArray[np.int32]
-    step: FloatArray
     length: FloatArray
-    weight: FloatArray
+    weight: NDArray[np.float32]
     seams: int
 
 
@@ -130,55 +140,90 @@ def _net(mesh: Mesh, surface: Surface, graph: WrinkleGraph) -> _Net:
     if graph.node_triangle is None:
         raise GraphError("node_triangle is missing: statistics need the triangle of every pore")
     rows, nodes = whole_wrinkles(mesh, graph)
-    # A half, or an original across a seam, ends at a node that is no pore.
-    ends = graph.edge_nodes[rows]
-    seams = int(np.count_nonzero((ends != nodes).any(axis=1)))
     placed = (graph.node_triangle >= 0) & graph.own_nodes
-    shown = (graph.edge_weight[rows] > 0) & placed[nodes].all(axis=1)
-    nodes, weight = (
-        (np.cumsum(placed, dtype=np.int32) - np.int32(1))[nodes[shown]],
-        graph.edge_weight[rows[shown]].astype(np.float64),
-    )
+    seam, shown = np.empty(len(rows), np.bool_), np.empty(len(rows), np.bool_)
+
+    def look(some: slice) -> None:
+        # A half, or an original across a seam, ends at a node that is no pore.
+        seam[some] = (graph.edge_nodes[rows[some]] != nodes[some]).any(axis=1)
+        shown[some] = (graph.edge_weight[rows[some]] > 0) & placed[nodes[some]].all(axis=1)
+
+    over_rows(len(rows), look)
+    if not shown.all():
+        rows, nodes = rows[shown], nodes[shown]
     points = _points(surface, graph, np.flatnonzero(placed))
-    step = points.position[nodes[:, 1]] - points.position[nodes[:, 0]]
-    length, pores = np.linalg.norm(step, axis=-1), graph.pore_weight[placed] > 0
-    return _Net(points, pores, nodes, step, length, weight, seams)
+    number = np.cumsum(placed, dtype=np.int32)
+    length = np.empty(len(nodes))
+
+    def measure(some: slice) -> None:
+        nodes[some] = number[nodes[some]] - np.int32(1)
+        one, two = nodes[some].T
+        length[some] = np.linalg.norm(points.position[two] - points.position[one], axis=-1)
+
+    over_rows(len(nodes), measure)
+    pores, seams = graph.pore_weight[placed] > 0, int(np.count_nonzero(seam))
+    return _Net(points, pores, nodes, length, graph.edge_weight[rows], seams)
 
 
 def _points(surface: Surface, graph: WrinkleGraph, nodes: IntArray) -> Points:
     """The points of nodes on the surface, with the normals of their triangles."""
     assert graph.node_triangle is not None
-    triangle = graph.node_triangle[nodes].astype(np.int64)
-    uv = graph.node_uv[nodes].astype(np.float64)
-    normal = surface.normals[triangle].mean(axis=1)
-    return Points(triangle, uv, surface.place(triangle, uv), normal)
+    triangle, uv = graph.node_triangle[nodes], graph.node_uv[nodes]
+    position, normal = np.empty((len(nodes), 3)), np.empty((len(nodes), 3), np.float32)
+    facing = surface.normals.mean(axis=1)
+
+    def find(rows: slice) -> None:
+        position[rows] = surface.place(triangle[rows], uv[rows].astype(np.float64))
+        normal[rows] = facing[triangle[rows]]
+
+    over_rows(len(nodes), find)
+    return Points(triangle, uv, position, normal)
 
 
-def _moments(values: FloatArray) -> dict[str, float]:
+def _strengths(weight: NDArray[np.float32]) -> IntArray:
+    """(STRENGTHS,) how many weights there are in each tenth. In double: a tenth is between two
+    singles."""
+    count = np.zeros(STRENGTHS, np.int64)
+    for rows in row_blocks(len(weight)):
+        count += np.histogram(weight[rows].astype(np.float64), STRENGTHS, (0.0, 1.0))[0]
+    return count
+
+
+def _moments(values: FloatArray, scale: float) -> dict[str, float]:
+    """Mean and deviation of values times a power of two, which rounds nothing."""
     if not len(values):
         return {"mean": 0.0, "deviation": 0.0}
-    return {"mean": float(values.mean()), "deviation": float(values.std())}
+    return {"mean": float(values.mean()) * scale, "deviation": float(values.std()) * scale}
 
 
 def _degrees(net: _Net) -> dict[str, Any]:
-    degree = np.bincount(net.nodes.ravel(), minlength=len(net.points))[net.pores]
+    # One after the other, for each is copied in eight bytes.
+    ends = (np.bincount(end, minlength=len(net.points)) for end in net.nodes.T)
+    degree = sum(ends, np.zeros(len(net.points), np.int64))[net.pores]
     mean = float(degree.mean()) if len(degree) else 0.0
     return {"mean": mean, "histogram": np.bincount(degree).tolist()}
 
 
-def _angles(net: _Net) -> dict[str, Any]:
+def _angles(surface: Surface, net: _Net) -> dict[str, Any]:
     """Angles of wrinkles to the level direction, in the tangent plane of the first node, mirrored
     into 0 to 90 degrees: counts and mean weights by tens of degrees."""
-    count, total = np.zeros(ANGLES, np.int64), np.zeros(ANGLES)
-    for rows in row_blocks(len(net.nodes)):
-        step = net.step[rows]
-        normal = net.points.normal[net.nodes[rows, 0]].astype(np.float64)
+    bins, position = np.empty(len(net.nodes), np.uint8), net.points.position
+    facing = surface.normals.mean(axis=1)
+
+    def find(rows: slice) -> None:
+        one, two = net.nodes[rows].T
+        step = position[two] - position[one]
+        normal = facing[net.points.triangle[one]]
         level = level_directions(normal)
         along = np.abs(np.einsum("nx,nx->n", step, level))
         across = np.abs(np.einsum("nx,nx->n", step, np.cross(normal, level)))
         angle = np.degrees(np.arctan2(across, along))
-        bins = np.minimum((angle * (ANGLES / 90.0)).astype(np.int64), ANGLES - 1)
-        count += np.bincount(bins, minlength=ANGLES)
-        total += np.bincount(bins, weights=net.weight[rows], minlength=ANGLES)
+        bins[rows] = np.minimum((angle * (ANGLES / 90.0)).astype(np.int64), ANGLES - 1)
+
+    over_rows(len(net.nodes), find)
+    count, total = np.zeros(ANGLES, np.int64), np.zeros(ANGLES)
+    for rows in row_blocks(len(bins)):
+        count += np.bincount(bins[rows], minlength=ANGLES)
+        total += np.bincount(bins[rows], weights=net.weight[rows], minlength=ANGLES)
     means = np.round(total / np.maximum(count, 1), 6).tolist()
     return {"angles": count.tolist(), "angle_strengths": means}
