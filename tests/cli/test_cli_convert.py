@@ -93,10 +93,12 @@ def test_what_is_written_is_npz(
 def test_arrays_that_nothing_reads_are_told(
     tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    np.savez(tmp_path / "head.npz", **small_mesh._asdict(), shpaes=np.zeros(3))
+    np.savez(tmp_path / "head.npz", **small_mesh._asdict(), shpaes=np.zeros(3), hair=np.zeros(3))
     given = [str(tmp_path / "head.npz"), "--out", str(tmp_path / "out.npz")]
     assert main(["convert", *given]) == 0
     told = "warning: arrays-unused: the mesh file: not read: 'shpaes' (did you mean shapes?); "
-    assert told in capsys.readouterr().err
+    printed = capsys.readouterr().err
+    assert told in printed
+    assert "notice: arrays-not-read: the mesh file has arrays that are not read: 'hair'" in printed
     assert main(["check", given[0], "--strict"]) == 1
     assert "--allow arrays-unused" in capsys.readouterr().err

@@ -219,13 +219,17 @@ def test_clients_are_told_of_arrays_that_nothing_reads(engine):
     corners = np.float32([[0, 0, 0], [9, 0, 0], [0, 9, 0]])
     arrays = {"positions": corners, "faces": [[0, 1, 2]], "uv": np.eye(3)[:, :2], "frame": corners}
     packed = io.BytesIO()
-    np.savez(packed, face_uv=[[0, 1, 2]], **arrays)
+    np.savez(packed, face_uv=[[0, 1, 2]], **arrays, hair=corners)
     sent = {"name": "a.npz", "settings": {"resolution": 256, "tile_size": 64}}
     with serving(engine) as http, Client(str(http.base_url)) as client:
         for _ in range(2):
             with pytest.warns(RhytidWarning, match=r"not read: 'frame' \(did you mean frames\?\)"):
-                asset = client.wait(client.create_asset(packed.getvalue(), **sent))
+                made = client.create_asset(packed.getvalue(), **sent)
+            left = {notice.code: notice.detail for notice in made.notices}["arrays-not-read"]
+            assert left == "the mesh file has arrays that are not read: 'hair'"
+            asset = client.wait(made)
         assert client.asset(asset).warnings == ()
+        assert "arrays-not-read" not in {notice.code for notice in client.asset(asset).notices}
         with pytest.raises(RequestError, match="arrays-unused"):
             client.create_asset(packed.getvalue(), **sent, strict=True)
 

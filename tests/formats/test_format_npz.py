@@ -23,10 +23,12 @@ from formats.writers import (
     npz,
     same_mesh,
 )
-from rhytid.domain.warnings import ARRAYS_UNUSED
+from rhytid.domain.notices import ARRAYS_NOT_READ
+from rhytid.domain.warnings import ARRAYS_UNUSED, InputWarning
 from rhytid.errors import FrameError, LimitError, MeshError, RhytidError
+from rhytid.formats import npz_archive
 from rhytid.formats.meshes import read_mesh
-from rhytid.formats.npz import read_npz, read_npz_expressions, unread_arrays
+from rhytid.formats.npz import read_npz, read_npz_expressions
 
 ARRAYS: dict[str, Any] = {
     "positions": SQUARE,
@@ -48,26 +50,47 @@ def with_member(name: str, data: bytes, method: int = zipfile.ZIP_DEFLATED) -> b
 
 
 def test_a_mesh_without_frames() -> None:
-    mesh, frames = read_npz(npz(**ARRAYS))
-    same_mesh(mesh, *SQUARE_ARRAYS)
-    assert frames is None
+    found = read_npz(npz(**ARRAYS))
+    same_mesh(found.mesh, *SQUARE_ARRAYS)
+    assert found.frames is None
+    assert found.shapes is None
+
+
+def test_the_directory_of_an_archive_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    data, opened = changed(frames=FRAMES, shapes=FRAMES, other=SQUARE), []
+
+    class Counted(zipfile.ZipFile):
+        def __init__(self, file: Any) -> None:
+            opened.append(file)
+            super().__init__(file)
+
+    monkeypatch.setattr(npz_archive.zipfile, "ZipFile", Counted)
+    read_mesh(data, "a.npz")
+    assert len(opened) == 1
+
+
+def unread(data: bytes) -> tuple[tuple[InputWarning, ...], tuple[str, ...]]:
+    """Warnings and the text of notices of arrays that are not read."""
+    found = read_npz(data)
+    assert all(notice.code == ARRAYS_NOT_READ for notice in found.notices)
+    return found.unused, tuple(notice.detail for notice in found.notices)
 
 
 def test_arrays_whose_names_are_slips_are_warned_of_and_others_are_noted() -> None:
     every = {"frames": FRAMES, "shapes": FRAMES, "names": np.array(["a", "b", "c"])}
-    assert unread_arrays(changed(**every)) == ((), ())
-    (warning,), (note,) = unread_arrays(changed(Shape=FRAMES, fps=np.float32(30)))
+    assert unread(changed(**every)) == ((), ())
+    (warning,), (note,) = unread(changed(Shape=FRAMES, fps=np.float32(30)))
     assert warning.code == ARRAYS_UNUSED
     assert warning.detail.startswith("not read: 'Shape' (did you mean shapes?); arrays of a mesh")
-    assert note == "arrays of the mesh file that are not read: 'fps'"
-    (), (note,) = unread_arrays(changed(**{f"v{i:02}": SQUARE for i in range(11)}))
+    assert note == "the mesh file has arrays that are not read: 'fps'"
+    (), (note,) = unread(changed(**{f"v{i:02}": SQUARE for i in range(11)}))
     assert note.endswith("'v07' and 3 more")
 
 
 def test_longer_words_for_shapes_and_their_names_are_slips() -> None:
-    (warning,), _ = unread_arrays(changed(blendShapes=FRAMES))
+    (warning,), _ = unread(changed(blendShapes=FRAMES))
     assert "'blendShapes' (did you mean shapes?)" in warning.detail
-    (warning,), _ = unread_arrays(changed(shapes=FRAMES, shape_names=np.array(["a", "b", "c"])))
+    (warning,), _ = unread(changed(shapes=FRAMES, shape_names=np.array(["a", "b", "c"])))
     assert "'shape_names' (did you mean names?)" in warning.detail
 
 
@@ -89,27 +112,38 @@ def test_shapes_that_are_offsets_are_refused() -> None:
     assert len(read_mesh(changed(shapes=one), "a.npz").shapes or ()) == 2
 
 
+def test_slips_are_looked_for_in_few_short_names() -> None:
+    far = {f"v{i:04}": SQUARE for i in range(1000)}
+    warnings, (note,) = unread(changed(**far, frame=FRAMES))
+    assert warnings == ()
+    assert note.endswith("'v0007' and 993 more")
+    warnings, (note,) = unread(changed(**{"x" * 300 + "shapes": FRAMES}))
+    assert warnings == ()
+    assert note.endswith("'" + "x" * 39)
+
+
 def test_names_of_other_programs_are_no_slips() -> None:
     theirs = "quads", "quads_uv", "expr_names", "expr_deltas", "units", "landmarks", "weights"
-    warnings, (note,) = unread_arrays(changed(**dict.fromkeys(theirs, SQUARE)))
+    warnings, (note,) = unread(changed(**dict.fromkeys(theirs, SQUARE)))
     assert warnings == ()
     assert all(f"'{name}'" in note for name in theirs)
 
 
 def test_names_like_those_of_arrays_that_are_there_are_no_slips() -> None:
     beside = dict.fromkeys(("uv2", "face_uv2", "positions_world", "frames2", "face"), SQUARE)
-    warnings, (note,) = unread_arrays(changed(frames=FRAMES, **beside))
+    warnings, (note,) = unread(changed(frames=FRAMES, **beside))
     assert warnings == ()
     assert all(f"'{name}'" in note for name in beside)
-    (warning,), _ = unread_arrays(changed(**beside))
+    (warning,), _ = unread(changed(**beside))
     assert "not read: 'frames2' (did you mean frames?); " in warning.detail
 
 
 def test_an_animation_with_frames_and_neutral_in_place_of_positions() -> None:
     others = {"names": np.array(["a", "bc"]), "fps": np.float32(30), "any": np.array([None])}
     arrays = {name: array for name, array in ARRAYS.items() if name != "positions"}
-    mesh, frames = read_npz(npz(neutral=SQUARE, frames=FRAMES, **others, **arrays))
-    same_mesh(mesh, *SQUARE_ARRAYS)
+    found = read_npz(npz(neutral=SQUARE, frames=FRAMES, **others, **arrays))
+    frames = found.frames
+    same_mesh(found.mesh, *SQUARE_ARRAYS)
     assert frames is not None
     assert (frames.dtype, frames.flags.writeable) == (np.float32, False)
     np.testing.assert_array_equal(frames, FRAMES)
@@ -124,7 +158,8 @@ def test_every_dtype_byte_order_and_layout(real: str, whole: str, order: Any) ->
     positions, uv = (np.asarray(a.astype(real), order=order) for a in (points, points[:, :2]))
     frames = np.asarray((FRAMES > 0).astype(real), order=order)
     data = npz(positions=positions, faces=faces, uv=uv, face_uv=faces, frames=frames)
-    mesh, read = read_npz(data)
+    found = read_npz(data)
+    mesh, read = found.mesh, found.frames
     same_mesh(mesh, points, SQUARE_FACES, points[:, :2], SQUARE_FACES)
     np.testing.assert_array_equal(read, FRAMES > 0)
 
@@ -134,7 +169,7 @@ def test_stored_and_deflated_members_and_later_header_versions() -> None:
     for version in (b"\x02", b"\x03"):
         member = b"\x93NUMPY" + version + b"\0" + len(header).to_bytes(4, "little")
         data = with_member("positions", member + header + SQUARE.tobytes(), zipfile.ZIP_STORED)
-        same_mesh(read_npz(data)[0], *SQUARE_ARRAYS)
+        same_mesh(read_npz(data).mesh, *SQUARE_ARRAYS)
 
 
 @pytest.mark.parametrize(
@@ -252,7 +287,7 @@ def test_frames_are_aligned_wherever_they_lie_in_their_member() -> None:
     for spaces in range(4):
         header = f"{' ' * spaces}{{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4, 3)}}"
         data = with_member("frames", npy_header(header) + FRAMES.tobytes())
-        frames = read_npz(data)[1]
+        frames = read_npz(data).frames
         assert frames is not None
         assert frames.flags.aligned
         np.testing.assert_array_equal(frames, FRAMES)

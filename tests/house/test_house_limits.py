@@ -24,7 +24,7 @@ from rhytid.domain import expressions, painted_maps, view
 from rhytid.engine import byte_budget
 from rhytid.engine.jobs import LANES
 from rhytid.formats import limits as format_limits
-from rhytid.formats import npz, obj
+from rhytid.formats import npz_archive, obj
 from rhytid.processes.decoding import decoder, limits
 from rhytid.support.settings import ServiceSettings
 
@@ -53,7 +53,7 @@ NUMBERS: dict[str, tuple[float, ...]] = {
     "images": (multipart.MOST_REPEATED,),
     "numbers in one": (format_limits.MAX_NUMBERS,),
     "numbers in all": (format_limits.MAX_FRAME_NUMBERS,),
-    "header of a": (npz.MAX_HEADER,),
+    "header of a": (npz_archive.MAX_HEADER,),
     "face": (obj._LONGEST_FACE,),
     "side": (format_limits.MOST_SIDE,),
     "texels of all": (painted_maps.MOST_TEXELS,),

@@ -107,6 +107,7 @@ class RunWarnings:
         """Print notes of a mesh file, and warn of what in it is not read."""
         for line in read.notes:
             self.note(line)
+        self.add_notices(read.notices)
         self.add(read.unused)
 
     def lengths(self, settings: AssetSettings, spacing: float) -> None:

@@ -19,6 +19,7 @@ FEW_TEXELS = "few-texels"
 LARGE_BUILD = "large-build"
 PRESET_SET = "preset-set"
 SCAN_REDRAWN = "scan-redrawn"
+ARRAYS_NOT_READ = "arrays-not-read"
 # few-texels: texels between pores from which on they are told apart.
 TEXELS_BETWEEN = 4.0
 # large-build: wrinkles beyond which more than a head may have been asked for. A face has about half
@@ -218,5 +219,10 @@ NOTICES: dict[str, Meaning] = {
         "`depth` or `shape` changed, in which its lines were traced: at rest it is the scan no "
         "more",
         "send the values back that the text has; `response` says how lines move and may change",
+    ),
+    ARRAYS_NOT_READ: Meaning(
+        "an npz that is sent as a mesh, in the answer to it alone",
+        "it has arrays that are not read, and no name is near that of one that is not there",
+        "nothing, where they are for other programs",
     ),
 }

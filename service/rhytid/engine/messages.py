@@ -58,8 +58,8 @@ class NewAsset:
     0001, 0002, … once the asset exists; less the centre of the mesh, as positions are throughout
     the engine.  shapes: expressions that lines grow by, unless `graph.lines` of the settings says
     otherwise; without a graph only.  residual: of a traced graph.  scan: traced to a graph and a
-    residual, in place of both.  noted: warnings of the scan.  unused: of what was sent and is not
-    read.
+    residual, in place of both.  noted: warnings of the scan.  unused, notices: of what was sent
+    and is not read.
     """
 
     mesh: Mesh
@@ -74,6 +74,7 @@ class NewAsset:
     scan: ScanRelief | None = None
     noted: tuple[InputWarning, ...] = ()
     unused: tuple[InputWarning, ...] = ()
+    notices: tuple[Notice, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,8 @@ from rhytid.domain.mesh import ORIGIN, Centre
 from rhytid.domain.wording import plural
 from rhytid.errors import FrameError, MeshError
 from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size
-from rhytid.formats.npz import (
-    NpyHeader,
-    check_frames,
-    read_npy_header,
-    read_npz_expressions,
-    read_npz_frames,
-)
+from rhytid.formats.npz import check_frames, read_npz_expressions, read_npz_frames
+from rhytid.formats.npz_archive import NpyHeader, read_npy_header
 from rhytid.formats.obj import read_obj_positions
 
 NPY = "application/x-npy"

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.notices import Notice
 from rhytid.domain.warnings import InputWarning
 from rhytid.errors import MeshError
 from rhytid.formats.frame_set import FrameSet
 from rhytid.formats.gltf import read_glb_shapes, read_gltf_shapes
-from rhytid.formats.npz import read_npz, read_npz_shapes, unread_arrays
+from rhytid.formats.npz import read_npz
 from rhytid.formats.obj import read_obj
 from rhytid.formats.ply import read_ply
 
@@ -27,7 +28,7 @@ class MeshFile:
     mesh: the neutral mesh.  frames: (N, V, 3) of a .npz that has them.  shapes: of a .npz, or the
     morph targets of a glTF.  animation: returns the frames of a geometry cache, which are read one
     by one.  unit: of length, where the file names one.  notes: remarks on the file for the user.
-    unused: warnings of what in it is not read and may be meant to be.
+    notices: of what in it is not read.  unused: warnings of what may be meant to be.
     """
 
     mesh: Mesh
@@ -36,6 +37,7 @@ class MeshFile:
     animation: Callable[[], FrameSet] | None = None
     unit: str | None = None
     notes: tuple[str, ...] = ()
+    notices: tuple[Notice, ...] = ()
     unused: tuple[InputWarning, ...] = ()
 
     @property
@@ -76,12 +78,9 @@ def read_mesh(data: bytes, name: str) -> MeshFile:
     """
     extension = PurePath(name).suffix.lower()
     if extension == ".npz":
-        mesh, frames = read_npz(data)
-        shapes = read_npz_shapes(data, len(mesh.positions), mesh.centre)
-        if shapes is not None:
-            shapes.check_size(mesh.positions)
-        unused, notes = unread_arrays(data)
-        return MeshFile(mesh, frames, shapes, notes=notes, unused=unused)
+        found = read_npz(data)
+        notices, unused = found.notices, found.unused
+        return MeshFile(found.mesh, found.frames, found.shapes, notices=notices, unused=unused)
     if extension in _WITH_SHAPES:
         mesh, shapes = _WITH_SHAPES[extension](data)
         return MeshFile(mesh, shapes=shapes)

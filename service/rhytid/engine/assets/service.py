@@ -73,7 +73,8 @@ class AssetService(Assets):
     ) -> AssetInfo:
         asset, warnings = self._creation.take(new, strict, allow, hold)
         info = asset.info()
-        return replace(info, warnings=(*info.warnings, *warnings))
+        warned, told = (*info.warnings, *warnings), (*info.notices, *new.notices)
+        return replace(info, warnings=warned, notices=told)
 
     @override
     def all(self) -> list[AssetInfo]:

@@ -77,6 +77,7 @@ def read_asset(
         force=force,
         shapes=_shapes(parts["shapes"], read.mesh) if "shapes" in parts else read.expressions,
         unused=read.unused,
+        notices=read.notices,
     )
     if "scan" in parts:
         return _scanned(new, parts, scan)
