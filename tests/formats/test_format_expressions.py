@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from formats.writers import SQUARE, SQUARE_FACES, SQUARE_UV, glb, gltf, npy, npz
+from rhytid.domain.mesh import Mesh
 from rhytid.errors import FrameError, LimitError, MeshError
 from rhytid.formats.frames import read_expressions
 from rhytid.formats.meshes import read_mesh
@@ -16,6 +17,7 @@ from rhytid.formats.meshes import read_mesh
 SHAPES = np.stack([SQUARE, SQUARE * np.float32([0.8, 1, 1]), SQUARE + np.float32(0.5)])
 NAMES = np.array(["neutral", "mouthPucker", "jawOpen"])
 MESH = {"positions": SQUARE, "faces": SQUARE_FACES, "uv": SQUARE_UV, "face_uv": SQUARE_FACES}
+NEUTRAL = Mesh(SQUARE, SQUARE_FACES, SQUARE_UV, SQUARE_FACES)
 IMAGE_UV = (SQUARE_UV * (1, -1) + (0, 1)).astype(np.float32)
 OFFSETS = (SHAPES[1:] - SQUARE).astype(np.float32)
 
@@ -30,7 +32,7 @@ OFFSETS = (SHAPES[1:] - SQUARE).astype(np.float32)
     ],
 )
 def test_shapes_and_frames_are_read(data: bytes, name: str, names: tuple[str, ...]) -> None:
-    found = read_expressions(data, name, 4)
+    found = read_expressions(data, name, NEUTRAL)
     np.testing.assert_array_equal(found.positions, SHAPES)
     assert found.names == names
 
@@ -52,12 +54,15 @@ def bad(value: float) -> Any:
         (npz(other=SHAPES), "a.npz", "neither 'shapes' nor 'frames'; it has 'other'"),
         (npz(shapes=NAMES), "a.npz", "shapes holds text"),
         (npy(bad(np.inf)), "a.npy", "not finite"),
+        (npz(shapes=SHAPES - SQUARE), "a.npz", "no shape is 20 % .*not offsets"),
+        (npz(frames=SHAPES - SQUARE), "a.npz", "not offsets"),
+        (npy(SHAPES - SQUARE), "a.npy", "not offsets"),
         (b"v 0 0 0", "a.obj", "extension '.obj': must be one of .npz, .npy"),
     ],
 )
 def test_what_cannot_be_used_is_told(data: bytes, name: str, told: str) -> None:
     with pytest.raises(FrameError, match=told):
-        read_expressions(data, name, 4)
+        read_expressions(data, name, NEUTRAL)
 
 
 def test_shapes_of_a_mesh_go_before_its_frames() -> None:

@@ -71,9 +71,7 @@ def shape_files(place: Path | None, mesh: MeshFile, clip: Clip | None = None) ->
             return frame_set(place, vertices, centre, clip).expressions(vertices)
         with _named(place):
             check_shape_file(place)
-            shapes = read_expressions(place.read_bytes(), place.name, vertices, centre)
-            shapes.check_size(mesh.mesh.positions)
-            return shapes
+            return read_expressions(place.read_bytes(), place.name, mesh.mesh)
     every = sorted(f for f in place.iterdir() if f.suffix.lower() == ".obj" and f.is_file())
     if not every:
         raise InputError(f"{place} holds no OBJ files")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.frame import check_positions
-from rhytid.domain.mesh import ORIGIN, Centre
+from rhytid.domain.mesh import ORIGIN, Centre, Mesh
 from rhytid.domain.wording import plural
 from rhytid.errors import FrameError, MeshError
 from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size
@@ -68,12 +68,19 @@ def read_frame_file(
     raise FrameError(f"frame file with extension {extension!r}: must be one of {known}")
 
 
-def read_expressions(data: bytes, name: str, vertices: int, centre: Centre = ORIGIN) -> Expressions:
-    """The expressions in the bytes of a file called `name`.
+def read_expressions(data: bytes, name: str, mesh: Mesh) -> Expressions:
+    """The expressions of a mesh in the bytes of a file called `name`.
 
     .npz holds `shapes` (E, V, 3) positions and optionally `names` (E,), or else `frames`
-    (N, V, 3); .npy is an array (E, V, 3). Raises FrameError naming what is wrong, or LimitError.
+    (N, V, 3); .npy is an array (E, V, 3). Raises FrameError naming what is wrong, offsets in place
+    of positions too, or LimitError.
     """
+    found = _expressions(data, name, len(mesh.positions), mesh.centre)
+    found.check_size(mesh.positions)
+    return found
+
+
+def _expressions(data: bytes, name: str, vertices: int, centre: Centre) -> Expressions:
     extension = PurePath(name).suffix.lower()
     if extension == ".npz":
         return read_npz_expressions(data, vertices, centre)

@@ -105,9 +105,7 @@ def _shapes(part: Sent, mesh: Mesh) -> Expressions:
     name = part.filename or ""
     if not PurePath(name).suffix:
         raise InputError("part shapes has no filename with .npz or .npy: it names the format")
-    shapes = read_expressions(part.data, name, len(mesh.positions), mesh.centre)
-    shapes.check_size(mesh.positions)
-    return shapes
+    return read_expressions(part.data, name, mesh)
 
 
 def _stiffness(parts: Files, mesh: Mesh) -> Stiffness:
