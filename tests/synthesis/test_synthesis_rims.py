@@ -19,6 +19,8 @@ from synthesis import sheets
 MESH = sheets.sheet()
 RADIUS = 0.22  # of the painted disc, in UV
 COUNT = 20_000
+# A few dozen lines run along a rim: of one seed they say little.
+SEEDS = range(6)
 
 
 def disc(inside: float, outside: float) -> NDArray[np.float32]:
@@ -27,11 +29,13 @@ def disc(inside: float, outside: float) -> NDArray[np.float32]:
     return np.where(there, np.float32(inside), np.float32(outside))
 
 
-def along_the_rim(device: Device, name: str, inside: float, outside: float) -> dict[str, float]:
+def along_the_rim(
+    device: Device, name: str, inside: float, outside: float, seed: int = 1
+) -> dict[str, float]:
     """Mean weight, by length, of lines along the rim of a painted disc: within a spacing and a half
     inside and outside of it, and away from it on both sides."""
     controls = Controls({name: {1001: disc(inside, outside)}})
-    settings = GraphSettings(wrinkles=COUNT, anisotropy=0.0, patches=0.0)
+    settings = GraphSettings(wrinkles=COUNT, anisotropy=0.0, patches=0.0, seed=seed)
     made = synthesize(MESH, settings, device, controls=controls)
     ends = made.graph.node_uv[made.graph.edge_nodes].astype(np.float64)
     step, middle = ends[:, 1] - ends[:, 0], ends.mean(axis=1) - 0.5
@@ -57,7 +61,8 @@ def test_bare_skin_has_no_ring_of_a_crack(device: Device) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["region_nose", "region_lip", "region_neck"])
 def test_a_hard_mask_draws_no_seam(device: Device, name: str) -> None:
-    found = along_the_rim(device, name, 1.0, 0.0)
+    every = [along_the_rim(device, name, 1.0, 0.0, seed) for seed in SEEDS]
+    found = {place: np.mean([one[place] for one in every]) for place in every[0]}
     most, least = (f(found["inside"], found["outside"]) for f in (max, min))
     for side in ("rim in", "rim out"):
         assert 0.8 * least < found[side] < 1.15 * most

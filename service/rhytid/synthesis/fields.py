@@ -35,8 +35,8 @@ class Fields:
     times the mean of their factors.  detail: UV length within which spacing and bareness hardly
     change.  looks: at how many places from pore to pore the densest of a triangle is looked for;
     below 1 where looking is dear and misses nothing.  some_bare: whether `bare` is true anywhere.
-    some_contrast: whether `contrast` differs from 1 anywhere.  some_leading: whether `leading`
-    differs from 0 anywhere.  usual_pore_radius: `pore_radius` where nothing is painted.
+    some_contrast: whether `contrast` differs from 1 anywhere.  some_leading: whether leaders
+    of any family may be anywhere.  usual_pore_radius: `pore_radius` where nothing is painted.
     most_events: of `events`.
     """
 
@@ -116,6 +116,10 @@ class Fields:
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians by which the preferred direction turns left, seen from outside."""
         return np.zeros(len(triangle), np.float32)
+
+    def upright(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Radians to the left from the level direction to creases: a right angle."""
+        return np.full(len(triangle), 0.5 * np.pi, np.float32)
 
     def bend(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of how far lines wind about the preferred direction."""

@@ -130,7 +130,7 @@ FROWN_RIGHT = replace(
 # Lips have short ones, close together, across them and up to their border.
 CREASES = Family(
     lambda f, *place: f.creases(*place),
-    _upright,
+    lambda f, *place: f.upright(*place),
     number=5,
     seeds=1.0,
     pace=0.7,

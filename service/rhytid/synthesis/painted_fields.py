@@ -87,7 +87,6 @@ class PaintedFields(Fields):
         known = regions(settings.anatomy)
         self._skin = {name: aged(region, settings.age) for name, region in known.items()}
         self.some_contrast = settings.age != USUAL_AGE
-        self.some_leading = folds is not None
         maps = controls.maps
         self._maps = {
             name: PaintedMaps(surface, maps[name]) for name in maps if name != "direction"
@@ -101,6 +100,7 @@ class PaintedFields(Fields):
         self._masks = [name for name in masks if REGION_PREFIX + name not in maps]
         used = self._names_of_regions()
         self._some_folded = folds is not None and any(self._skin[n].folded != 1.0 for n in used)
+        self.some_leading = folds is not None or any(self._skin[n].creases > 0.0 for n in used)
         low, high = self._densities()
         self.least_spacing, self.most_spacing = high**-0.5, low**-0.5
         self.most_events = 2.0 if "events" in maps else 1.0
@@ -229,11 +229,15 @@ class PaintedFields(Fields):
         return self._folds.factor("frown", triangle, uv)
 
     def rings(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """How far skin has rings: of the regions."""
+        """How far skin has rings: of the regions, where folds are known; else the neck has none,
+        whatever is painted elsewhere."""
+        if self._folds is None:
+            return super().rings(triangle, uv)
         return self._region("rings", triangle, uv)
 
     def creases(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """How far skin has creases: of the regions, not beyond the middle of their border."""
+        """How far skin has creases: of the regions, not beyond the middle of their border. They
+        are there from birth, and need no folds."""
         share = self._region("creases", triangle, uv)
         share -= _NO_CREASES
         share /= _CREASED - _NO_CREASES
@@ -260,6 +264,15 @@ class PaintedFields(Fields):
             found = self._folds.blended_with(found, triangle, uv)
         if self._patches is not None:
             found += self._patches.turn(self._sway(triangle, uv), triangle, uv)
+        return self._turned(found, triangle, uv)
+
+    def upright(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Radians to the left from the level direction to creases: painted directions take the
+        place of the upright one, and settings and maps turn it."""
+        return self._turned(super().upright(triangle, uv), triangle, uv)
+
+    def _turned(self, found: Factors, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Directions (N,), changed in place by painted ones, and turned by settings and maps."""
         if self._directions is not None:
             for rows in row_blocks(len(triangle)):
                 found[rows] = self._directions.blended_with(found[rows], triangle[rows], uv[rows])

@@ -82,7 +82,8 @@ class Ranks:
     skin: with it a leader is as deep as lines can be in its middle, and tapers from there as others
     do.  width (K,) float32: half widths, in pore spacings.  profile (K,) float32: from 0 at both
     ends of a leader to 1.  family (K,) int8: the number.
-    quiet (N,) float32: factor of the weight of other lines at each pore.
+    quiet (N,) float32: factor of the weight of other lines at each pore.  creased (N,) float32: one
+    more, where skin has creases.
     calm (N,) float32: how far patches do not make other lines livelier, at each pore.
     of_pores (N,) float32: factor of the depth of the pores.  uneven (N,) float32: how far
     other lines differ by chance from those beside them, at each pore.  rank: the setting.
@@ -95,6 +96,7 @@ class Ranks:
     profile: Singles
     family: NDArray[np.int8]
     quiet: Singles
+    creased: Singles
     calm: Singles
     of_pores: Singles
     uneven: Singles
@@ -133,17 +135,18 @@ class Ranks:
         aged[pair] = 0.0
         width = WIDE * broad * _OLD_BROAD ** np.maximum(aged, 0.0)
         quiet = (1.0 - _BESIDE * near) * (1.0 - _FOLDED * leading)
-        quiet *= 1.0 - _CREASED * CREASES.leading(fields, net.pores.triangle, net.pores.uv)
+        creases = CREASES.leading(fields, net.pores.triangle, net.pores.uv)
         quiet *= 1.0 - _CRUMPLED * fields.crumpled(net.pores.triangle, net.pores.uv)
         quiet *= (_OLD_OTHERS if worn > 0.0 else _YOUNG_OTHERS) ** (worn * leading)
         of_pores = np.ones(len(net.pores), np.float32)
         of_pores[net.first] = _BEADS ** min(rank, 1.0)
         quiet = (quiet**rank).astype(np.float32)
+        creased = ((1.0 - _CREASED * creases) ** rank).astype(np.float32)
         calm = calm_of(leading, rank)
         return cls(
             row, _beside_none(0.0, middle * profile), _beside_none(np.inf, 1.0 / middle),
             _beside_none(0.0, width), _beside_none(0.0, np.minimum(profile, 1.0)),
-            np.append(0, number).astype(np.int8), quiet, calm, of_pores, uneven, rank,
+            np.append(0, number).astype(np.int8), quiet, creased, calm, of_pores, uneven, rank,
         )  # fmt: skip
 
     @property
@@ -160,6 +163,8 @@ class Ranks:
             np.float32(0.5) * (values[pores[:, 0]] + values[pores[:, 1]])
             for values in (self.quiet, self.calm)
         )
+        # Of a hard mask the lines that end beyond it would be a ring.
+        quiet *= self.creased[pores].min(axis=1)
         factor = np.where(leads, np.float32(1.0), quiet)
         return RankedLines(leads, weight, self.most[row], self.width[row], factor, calm)
 
