@@ -68,6 +68,28 @@ def test_small_numbers_end_where_they_do_by_the_header(device):
     assert (shorts[0], *small) == (32767, 0, 5)
 
 
+@pytest.mark.parametrize("lanes", [8, 16])
+@pytest.mark.parametrize("name", ["char", "short", "int", "float"])
+def test_vectors_are_stored_whole_at_any_address(device, name, lanes):
+    text = f"""kernel void moved(
+        global const {name} *from, global {name} *out, local {name} *between) {{
+        {name} own[{3 * lanes}];
+        vstore{lanes}(vload{lanes}(0, from), 1, own + 1);
+        vstore{lanes}(vload{lanes}(1, own + 1), 1, between + 3);
+        vstore{lanes}(vload{lanes}(1, between + 3), 1, out + 5);
+    }}"""
+    program = driver.compile_program(device.context, text, [])
+    dtype = {"char": np.int8, "short": np.int16, "int": np.int32, "float": np.float32}[name]
+    given, made = np.arange(1, lanes + 1, dtype=dtype), np.zeros(2 * lanes + 6, dtype)
+    flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
+    there, out = (cl.Buffer(device.context, flags, hostbuf=values) for values in (given, made))
+    queue = cl.CommandQueue(device.context)
+    local = cl.LocalMemory(3 * lanes * made.itemsize)
+    program.moved(queue, (1,), None, there, out, local)
+    cl.enqueue_copy(queue, made, out)
+    assert made.tolist() == [0] * (lanes + 5) + given.tolist() + [0]
+
+
 def test_an_error_is_told_by_the_line_of_its_own_text(device):
     with pytest.raises(KernelBuildError) as raised:
         device.programs.build("kernel void wrong(void) {\n    unknown = 1;\n}", [])
