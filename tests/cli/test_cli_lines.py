@@ -113,3 +113,17 @@ def test_the_regions_are_drawn_by_age_beside_a_preview(
     command = ["synthesize", str(neutral), "--out", str(tmp_path / "g.safetensors")]
     assert main([*command, *files, "--ages", "80"]) != 0
     assert "graph.age is 80.0: from 20 to 70" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_ages_of_a_mesh_without_regions_are_drawn_at_flat_places(
+    tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
+) -> None:
+    neutral = write_neutral(tmp_path / "mesh.npz", small_mesh)
+    given = ("--unit", "ft", "--preview", str(tmp_path / "p.png"))
+    grown(tmp_path, neutral, *given)
+    assert not (tmp_path / "p.regions.png").exists()
+    grown(tmp_path, neutral, *given, "--ages", "20", "65")
+    assert "show regions of the mesh: p.regions.png shows its flattest" in capsys.readouterr().err
+    with Image.open(tmp_path / "p.regions.png") as picture:
+        assert picture.size[1] > 4 * 400  # two rows of patches for each age

@@ -132,6 +132,25 @@ def test_a_patch_beyond_the_mesh_is_refused(
     assert "show no such region: none" in capsys.readouterr().err
 
 
+def test_a_painted_region_is_a_place(
+    sheet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Skin is there that its region grows, and one that is painted nowhere is no place."""
+    mask = np.zeros((64, 64), np.uint8)
+    mask[20:44, 40:56] = 255
+    for name, painted in (("lip", mask), ("nose", 0 * mask)):
+        Image.fromarray(painted).save(tmp_path / f"{name}.1001.png")
+    masks = [f"{name}={tmp_path / name}.1001.png" for name in ("lip", "nose")]
+    grown = ["--wrinkles", "300", "--resolution", "256", "--size", "2"]
+    given = [str(sheet), *grown, "--region-mask", *masks]
+    (found,) = measured(capsys, *given, "--place", "lip")["patches"]
+    assert found["patch"] == "lip"
+    assert main(["measure", *given, "--place", "nose"]) == 1
+    assert "--place nose: no triangle of it is in UDIM 1001" in capsys.readouterr().err
+    assert main(["measure", *given, "--place", "cheek"]) == 1
+    assert "--place cheek: the expressions show no such region" in capsys.readouterr().err
+
+
 def test_what_does_not_fit_is_told_beside_the_figures_of_others(
     sheet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -83,8 +83,8 @@ def _add_places(group: argparse._ArgumentGroup) -> None:
     at = "place of a patch: U V in UV (1.3 0.5 is in UDIM 1002) or X Y Z near the surface; repeat"
     add("--patch", nargs="+", type=float, action="append", default=[], metavar="N", help=at)
     place = (
-        "patches of regions, which named expressions show (default without --patch: the flattest "
-        "places)"
+        "patches of regions, which named expressions show or --region-mask has (default without "
+        "--patch: the flattest places)"
     )
     add("--place", nargs="+", choices=REGIONS, default=[], metavar="REGION", help=place)
     size = f"side of a patch, millimetres (default: {SIDE_MM:g})"

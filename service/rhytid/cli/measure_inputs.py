@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from typing import TypeVar
@@ -28,10 +28,11 @@ from rhytid.cli.preview import skin_views
 from rhytid.cli.preview_spots import flat_spots, spot_at
 from rhytid.cli.scan_options import checked_scan
 from rhytid.cli.service_options import service_settings
-from rhytid.cli.skin_options import given_settings, skin_request
+from rhytid.cli.skin_options import given_settings, skin_controls, skin_request
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.expressions import expressions_for_lines
+from rhytid.domain.expressions import Folds, expressions_for_lines
 from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
+from rhytid.domain.painted_maps import painted_regions
 from rhytid.domain.tiles import busiest_udim, triangles_inside
 from rhytid.domain.warnings import PATCH_SIZE, InputWarning
 from rhytid.engine.engine import Engine, open_device
@@ -135,26 +136,17 @@ def _sizes_below(size: float) -> Iterator[float]:
 def _regions(
     arguments: argparse.Namespace, read: MeshFile, unit: str
 ) -> Callable[[float], list[Place]]:
-    """What gives patches of a side in mesh units, of the regions that named expressions show."""
-    mesh, settings = read.mesh, AssetSettings()
-    shapes = shape_files(arguments.shapes, read, cache_clip(arguments))
-    expressions = expressions_for_lines(arguments.lines, shapes)
-    if expressions is None:
-        raise InputError("--place needs expressions of known names: give --shapes, or --patch")
-    device = open_device(ServiceSettings.from_environment(), arguments.device)
-    limit, udim = settings.response.log_stretch_limit, busiest_udim(mesh)
-    with share_bar("folds") as show:
-        folds = measured_folds(device, mesh, expressions, limit, unit, show, directly)
-    masks = {} if folds is None else folds.regions
-    if missing := [name for name in arguments.place if name not in masks]:
-        there = ", ".join(masks) or "none"
-        raise InputError(f"--place {missing[0]}: the expressions show no such region: {there}")
-
-    assert folds is not None
+    """What gives patches of a side in mesh units, of the regions that are painted or that named
+    expressions show."""
+    mesh, controls = read.mesh, skin_controls(arguments, read.mesh)
+    painted, udim = painted_regions(controls), busiest_udim(mesh)
+    folds = None
+    if others := [name for name in arguments.place if name not in painted]:
+        folds = _folds(arguments, read, unit, others)
     corners = mesh.positions[mesh.faces[triangles_inside(mesh, udim)]].astype(float)
 
     def chosen(side: float) -> list[Place]:
-        views = {view.region: view for view in skin_views(mesh, folds, udim, side)}
+        views = {view.region: view for view in skin_views(mesh, folds, udim, side, controls)}
         if beyond := [name for name in arguments.place if name not in views]:
             raise InputError(
                 f"--place {beyond[0]}: no triangle of it is in UDIM {udim}, which has most: give "
@@ -166,6 +158,30 @@ def _regions(
         ]
 
     return chosen
+
+
+def _folds(
+    arguments: argparse.Namespace, read: MeshFile, unit: str, regions: Sequence[str]
+) -> Folds:
+    """The folds of a mesh whose expressions show some regions; raises InputError where they do
+    not."""
+    shapes = shape_files(arguments.shapes, read, cache_clip(arguments))
+    expressions = expressions_for_lines(arguments.lines, shapes)
+    if expressions is None:
+        raise InputError(
+            f"--place {regions[0]} needs expressions of known names or its mask: give --shapes, "
+            f"--region-mask {regions[0]}=FILE, or --patch"
+        )
+    device = open_device(ServiceSettings.from_environment(), arguments.device)
+    limit = AssetSettings().response.log_stretch_limit
+    with share_bar("folds") as show:
+        folds = measured_folds(device, read.mesh, expressions, limit, unit, show, directly)
+    masks = {} if folds is None else folds.regions
+    if missing := [name for name in regions if name not in masks]:
+        there = ", ".join(masks) or "none"
+        raise InputError(f"--place {missing[0]}: the expressions show no such region: {there}")
+    assert folds is not None
+    return folds
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from rhytid.domain.expressions import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.painted_maps import Stiffness
+from rhytid.domain.painted_maps import Controls, Stiffness, bilinear, painted_regions
 from rhytid.domain.tiles import busiest_udim, mesh_udims, triangles_inside, udim_origin
 from rhytid.domain.uv_layout import mean_uv_length
 from rhytid.domain.wording import plural
@@ -39,7 +39,7 @@ from rhytid.pictures.preview import (
 from rhytid.pictures.sheet import Panel, sheet
 from rhytid.pictures.surface_patch import SurfacePatch, surface_patch
 from rhytid.support.atomic_files import atomic_write
-from rhytid.support.console import share_bar
+from rhytid.support.console import note, share_bar
 from rhytid.synthesis.progress import Progress, part
 
 PATCH_MM = 20.0
@@ -48,6 +48,9 @@ MOST_UDIMS = 4
 SIDE_MM, _PIXELS = 8.0, 400
 # Texels between two pores, at least, as far as maps go.
 _DENSITY = 16.0
+# What patches of ages are of.
+_REGIONS = "Regions as they are painted, or as masks of named expressions have them"
+_FLATTEST = "No region is known: the flattest places"
 # Texels per side of what is drawn at once; and of whole maps, of which a pixel is a mean of 16.
 _DRAWN, _DRAWN_WHOLE = 512, 4 * WHOLE
 _RESOLUTIONS: list[int] = [2**n for n in range(10, 15)]
@@ -144,39 +147,68 @@ class AgedSkin:
 
 
 def write_region_sheet(
-    device: Device, mesh: Mesh, folds: Folds, skins: Iterable[AgedSkin], file: Path
+    device: Device,
+    mesh: Mesh,
+    folds: Folds | None,
+    controls: Controls | None,
+    skins: Iterable[AgedSkin],
+    file: Path,
 ) -> None:
-    """Draw patches of all regions of a face into a PNG, two rows for each skin. Writes nothing
-    where no region lies in the UDIM with most triangles."""
-    udim, rows = busiest_udim(mesh), []
+    """Draw patches of all regions of a face into a PNG, two rows for each skin; of its flattest
+    places where no region lies in the UDIM with most triangles. Says so, and where not even a
+    patch of these fits."""
+    udim, rows, shown = busiest_udim(mesh), [], _REGIONS
     views: list[RegionView] = []
     for skin in skins:
-        unit_mm = millimetres(skin.settings.length_unit) or MILLIMETRES[USUAL_UNIT]
-        views = views or skin_views(mesh, folds, udim, SIDE_MM / unit_mm)
+        side = SIDE_MM / (millimetres(skin.settings.length_unit) or MILLIMETRES[USUAL_UNIT])
+        views = views or skin_views(mesh, folds, udim, side, controls)
+        if not views:
+            views, shown = _flat_views(mesh, side), _FLATTEST
+            what = "shows its flattest places" if views else "is not written: no patch is flat"
+            note(
+                "rhytid: notice: neither painted masks nor expressions of known names show regions "
+                f"of the mesh: {file.name} {what}"
+            )
         if not views:
             return
         rows += _rows(device, mesh, udim, views, skin)
     caption = (
-        f"Regions as masks of named expressions have them, {SIDE_MM:g} mm wide, seen on the "
-        "surface along its normal, true to scale; light from the upper left, at 45° and grazing."
+        f"{shown}, {SIDE_MM:g} mm wide, seen on the surface along its normal, true to scale; light "
+        "from the upper left, at 45° and grazing."
     )
     with atomic_write(file) as aside:
         sheet(rows, caption).save(aside, format="png")
 
 
-def skin_views(mesh: Mesh, folds: Folds, udim: int, side: float) -> list[RegionView]:
-    """Where each region of a face is looked at, as patches of `side` mesh units."""
+def skin_views(
+    mesh: Mesh, folds: Folds | None, udim: int, side: float, controls: Controls | None = None
+) -> list[RegionView]:
+    """Where each region of a face is looked at, as patches of `side` mesh units. A region that is
+    painted lies where it is painted, others where expressions show them."""
     inside = triangles_inside(mesh, udim)
     faces = mesh.faces[inside]
-    size, eccentricity, _ = folds.axes()
-    return region_views(
-        mesh.positions[faces].astype(np.float64),
-        mesh.triangle_uv()[inside] - udim_origin(udim),
-        {name: mask[faces].mean(axis=1) for name, mask in folds.regions.items()},
-        (size * eccentricity)[faces].mean(axis=1),
-        side,
-        _PIXELS,
-    )
+    uv = mesh.triangle_uv()[inside] - udim_origin(udim)
+    masks, folding = {}, np.zeros(len(faces))
+    if folds is not None:
+        size, eccentricity, _ = folds.axes()
+        folding = (size * eccentricity)[faces].mean(axis=1)
+        masks = {name: mask[faces].mean(axis=1) for name, mask in folds.regions.items()}
+    for name, mask in painted_regions(controls).items():
+        painted = mask.get(udim)
+        values = np.zeros(len(faces)) if painted is None else bilinear(painted, uv.mean(axis=1))
+        masks[name] = values
+    corners = mesh.positions[faces].astype(np.float64)
+    return region_views(corners, uv, masks, folding, side, _PIXELS)
+
+
+def _flat_views(mesh: Mesh, side: float) -> list[RegionView]:
+    """The flattest places, as patches of `side` mesh units."""
+    near = flat_spots(mesh, [side])
+    inside = triangles_inside(mesh, near.udim)
+    corners = mesh.positions[mesh.faces[inside]].astype(np.float64)
+    uv = mesh.triangle_uv()[inside] - udim_origin(near.udim)
+    surfaces = [surface_patch(corners, uv, spot.frame, side, _PIXELS) for spot in near.spots]
+    return [RegionView(f"place {name}", -1, one) for name, one in zip("AB", surfaces, strict=False)]
 
 
 def _rows(

@@ -29,6 +29,7 @@ from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
 from rhytid.domain.expressions import expressions_for_lines
 from rhytid.domain.graph import GraphOrigin
+from rhytid.domain.painted_maps import painted_regions
 from rhytid.support.console import check_suffix, make_place, share_bar, working
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from rhytid.device.runtime import Device
     from rhytid.domain.expressions import Expressions, Folds
     from rhytid.domain.mesh import Mesh
+    from rhytid.domain.painted_maps import Controls
     from rhytid.synthesis.generate import Synthesis
 
 GRAPH = ".safetensors"
@@ -60,8 +62,8 @@ def add_command(commands: Commands) -> None:
     add_outputs(parser)
     ages = (
         "with --preview: grow the skin at each of these ages, too, for the picture of its regions, "
-        "FILE.regions.png; that is written where there are expressions of known names "
-        "(default: the age of --set, else 35)"
+        "FILE.regions.png: those that expressions of known names show or that are painted, else "
+        "its flattest places (default: the age of --set, else 35, where regions are known)"
     )
     add_settings(add_skin(parser), ", as for bake: of these graph and unit count")
     parser.add_argument("--ages", nargs="+", type=float, metavar="AGE", help=ages)
@@ -122,11 +124,13 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     whole_file(out, graph_pieces(graph))
     facts = {"file": str(out), "seconds": seconds, "warnings": warnings.figures()}
     write_outputs(arguments, device, mesh, graph, facts)
-    if folds is not None and arguments.preview is not None:
+    if arguments.preview is None:
+        return
+    if folds is not None:
         _draw_lines(mesh, folds, arguments.preview)
-        if folds.regions:
-            skins = (_aged(grow, made, settings, replace(settings, age=a), unit) for a in ages)
-            _draw_regions(device, mesh, folds, skins, arguments.preview)
+    if arguments.ages or (folds is not None and folds.regions) or painted_regions(controls):
+        skins = (_aged(grow, made, settings, replace(settings, age=a), unit) for a in ages)
+        _draw_regions(device, mesh, folds, controls, skins, arguments.preview)
 
 
 def _folds(
@@ -151,11 +155,16 @@ def _draw_lines(mesh: Mesh, folds: Folds, preview: Path) -> None:
 
 
 def _draw_regions(
-    device: Device, mesh: Mesh, folds: Folds, skins: Iterable[AgedSkin], preview: Path
+    device: Device,
+    mesh: Mesh,
+    folds: Folds | None,
+    controls: Controls | None,
+    skins: Iterable[AgedSkin],
+    preview: Path,
 ) -> None:
     from rhytid.cli.preview import write_region_sheet
 
-    write_region_sheet(device, mesh, folds, skins, preview.with_suffix(".regions.png"))
+    write_region_sheet(device, mesh, folds, controls, skins, preview.with_suffix(".regions.png"))
 
 
 def _aged(

@@ -95,6 +95,13 @@ class Controls:
                 check_udim(udim, udims, f"a map of {name}")
 
 
+def painted_regions(controls: Controls | None) -> dict[str, Mapping[int, Map]]:
+    """Masks of regions that are painted, by region and UDIM."""
+    maps = {} if controls is None else controls.maps
+    prefixed = ((name, masks) for name, masks in maps.items() if name in REGION_MAPS)
+    return {name.removeprefix(REGION_PREFIX): masks for name, masks in prefixed}
+
+
 @dataclass(frozen=True, eq=False)
 class Stiffness:
     """Stiffness maps by UDIM: clamped log stretch is multiplied by them, so 1 is as the paper has
