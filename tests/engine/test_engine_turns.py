@@ -189,10 +189,10 @@ def launches(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     monkeypatch.setattr("rhytid.device.launches.PIECE_SECONDS", 1e-6)
     monkeypatch.setattr(DrawingPace, "took", lambda *_: None)
 
-    def spy(device: Any, program: str, kernel: str, settings: Any, elements: Any, square: Any,
+    def spy(device: Any, program: str, kernel: str, settings: Any, square: Any,
             *arguments: Any, **named: Any) -> None:  # fmt: skip
         found.append(square[2])
-        launch_blocks(device, program, kernel, settings, elements, square, *arguments, **named)
+        launch_blocks(device, program, kernel, settings, square, *arguments, **named)
 
     for module in ("redraw", "bin_maker"):
         monkeypatch.setattr(f"rhytid.pipeline.{module}.launch_blocks", spy)

@@ -75,7 +75,7 @@ SKEWED = (*SMALL_LAYERS, "SKEWED=1", "BENT=1", "SHARED=1")
 # Of a layer with an apron around its blocks.
 COARSE = ("APRON=2", "COARSE_BLOCK=60", "LEAST_HALF_WIDTH=1.25f", "WIDENED=1.5f")
 RANGES = {
-    "small": (*SMALL, *SMALL_LAYERS, *COARSE, "COARSER=2"),
+    "small": (*SMALL, *SMALL_LAYERS, *COARSE),
     "wavy": (*SMALL, *WAVY, *COARSE, "COARSER=2", "RAISED=1"),
     "skewed": (*SMALL, *SKEWED, *COARSE, "COARSER=16", "RAISED=1"),
     "mellow": (*LARGE, *MELLOW, *COARSE, "COARSER=4", "RAISED=1"),

@@ -18,6 +18,8 @@ from rhytid.device.driver import cl
 from rhytid.device.programs import BUILD_OPTIONS
 from rhytid.device.runtime import Device
 
+# Work-items of a group: PoCL compiles a kernel anew for each size.
+_GROUP = 64
 _C_TYPES = {"f4": "float", "i4": "int", "u4": "uint", "i1": "char", "i2": "short"}
 
 
@@ -45,8 +47,10 @@ __kernel void one_line({", ".join([*arguments, f"__global {kind} *out"])})
     {stored}
 }}"""
     count = len(next(iter(inputs.values())))
-    result = np.zeros((count, width) if width > 1 else count, out)
-    return run(device, text, "one_line", (count,), [*inputs.values()], result, options=options)
+    whole = -(-count // _GROUP) * _GROUP
+    rows = [np.resize(a, (whole, *a.shape[1:])) for a in inputs.values()]
+    result = np.zeros((whole, width) if width > 1 else whole, out)
+    return run(device, text, "one_line", (whole,), rows, result, options, (_GROUP,))[:count]
 
 
 def run(

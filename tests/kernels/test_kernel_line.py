@@ -251,7 +251,7 @@ def test_places_of_the_broad_layer_are_rounded_as_rint_does(device):
     large = 2.0 ** np.arange(21, 27)
     values = np.concatenate([half, large - 1, large - 0.5, -large - 0.25, [0.0, -0.0, 0.49999997]])
     v = np.resize(values, 2 * 32).reshape(-1, 2).astype(np.float32)
-    sizes = {"BLOCK": 68, "ROWS": 68, "ITEMS": 1, "APRON": 2, "COARSE_BLOCK": 64, "COARSER": 2}
+    sizes = {"BLOCK": 68, "ROWS": 68, "ITEMS": 1, "APRON": 2, "COARSE_BLOCK": 64}
     given = [f"-D{name}={size}" for name, size in sizes.items()]
     given += ["-DWIDENED=1.5f", "-DLEAST_HALF_WIDTH=1.25f"]
     found = evaluate(device, "coarse", "nearest_whole(v)", {"v": v}, width=2, options=given)

@@ -25,7 +25,7 @@ inline void write_part(sums_t sums, part_t part, square_t square, shape_t shape,
 #define DRAW_PART(drawn)                                                                           \
     __local float memory[SUMS];                                                                    \
     shape_t shape = shape_of(shape_values);                                                        \
-    square_t square = {place.x, place.y, place.z, place.w};                                        \
+    square_t square = square_at(place, coarse);                                                    \
     part_t part = part_of_group(square);                                                           \
     sums_t sums = valleys_at(part, memory);                                                        \
     DRAW_COARSE_LINES(part, sums, shape, members, offsets[part.block], offsets[part.block + 1],    \
@@ -33,10 +33,10 @@ inline void write_part(sums_t sums, part_t part, square_t square, shape_t shape,
     write_part(sums, part, square, shape, depth, out)
 
 // LINES: as in redraw.cl, in texels, but half widths in coarse texels. scales: of the frame, as there.
-// offsets, members: those of each block that swell.
+// offsets, members: those of each block that swell. place, coarse: see square_t.
 __kernel void cushion(LINES, __global const SIZES *scales, __global const int *offsets,
                       __global const int *members, float4 shape_values, float depth, int4 place,
-                      __global float *out)
+                      float coarse, __global float *out)
 {
     DRAW_PART(sizes[i] * scales[i]);
 }

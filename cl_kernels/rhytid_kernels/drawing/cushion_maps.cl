@@ -70,12 +70,12 @@ inline void write_owners(sums_t sums, int x, int y, int count, int i, int2 map, 
 // goes, and samples a row of the tile.
 __kernel void cushion_maps(LINES, SHARES_OF_LINES __global const float8 *stretches,
                            __global const int *offsets, __global const int *members,
-                           float4 shape_values, float depth, int4 place, int2 target, OWNERS int2 map,
-                           __global CODE *codes)
+                           float4 shape_values, float depth, int4 place, float coarse,
+                           int2 target, OWNERS int2 map, __global CODE *codes)
 {
     __local float memory[MEMORY];
     shape_t shape = shape_of(shape_values);
-    square_t square = {place.x, place.y, place.z, place.w};
+    square_t square = square_at(place, coarse);
     part_t part = part_of_group(square);
     sums_t sums;
     for (int k = DRAWINGS - 1; k >= 0; k--)

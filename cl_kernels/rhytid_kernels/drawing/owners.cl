@@ -52,13 +52,13 @@ inline void draw_owner(sums_t sums, __local int *owners, ready_t l, int line)
 // end to end. Error below 1e-4 of a line before it is rounded.
 __kernel void cushion_owners(LINES, SHARES int none, __global const int *offsets,
                              __global const int *members, float4 shape_values, float depth,
-                             int4 place, int2 target, __global int *owners, int2 map,
-                             __global CODE *codes)
+                             int4 place, float coarse, int2 target,
+                             __global int *owners, int2 map, __global CODE *codes)
 {
     __local float memory[SUMS];
     __local int best[SUMS];
     shape_t shape = shape_of(shape_values);
-    square_t square = {place.x, place.y, place.z, place.w};
+    square_t square = square_at(place, coarse);
     part_t part = part_of_group(square);
     sums_t sums = {memory, memory, get_local_id(0), part.low};
     clear_owners(sums, best, none);

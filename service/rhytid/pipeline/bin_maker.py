@@ -1,5 +1,5 @@
 """Draws the precomputed maps of the fast method, tile by tile (section 2.4). Kernels: bins.cl,
-vectors.cl.
+pore_layer.cl, vectors.cl.
 
 There are maps of level 0 only: means of maps, blended, are flatter than the mean of the blend.
 """
@@ -227,17 +227,18 @@ class BinMaker:
         drawn = _drawn(settings, elements.share_range, run)
         stretches = elements.stretches(self._device, settings.response, drawn)
         if run.layer < bins.count:
-            kernel, lists = "draw_wrinkle_bin", elements.wrinkle_lists
+            kernels, lists = ("bins", "draw_wrinkle_bin"), elements.wrinkle_lists
             given = (*elements.line_arguments, *stretches, elements.bins, np.int32(run.layer))
             given = (*given, self._tilt(run.layer))
+            kinds = {**elements.line_defines, **elements.share_defines}
         else:
-            kernel, lists = "draw_pore_layer", elements.pore_lists
-            given = (elements.centres, elements.roots, stretches[-1])
+            kernels, lists = ("pore_layer", "draw_pore_layer"), elements.pore_lists
+            given, kinds = (elements.centres, elements.roots, stretches[-1]), {}
         launch_blocks(
-            self._device, "bins", kernel, settings, elements, square,
+            self._device, *kernels, settings, square,
             *given, lists.offsets, lists.members, into=(self._places(run), codes),
             defines={
-                **self._code_defines, **elements.share_defines, "STRETCHES": len(run.samples),
+                **self._code_defines, **kinds, "STRETCHES": len(run.samples),
                 "TILTED": int(run.tilted), "BULGING": int(self._bulging(run.layer)),
                 "PARTS": len(parts(bins)),
             },
@@ -252,7 +253,7 @@ class BinMaker:
         return np.array([*directions(count)[layer], per_radian, TILT_SHARE], np.float32)
 
     def _places(self, run: _Run) -> NDArray[np.int32]:
-        """Where the maps of a run are among all, `maps_t` of bins.cl."""
+        """Where the maps of a run are among all, `maps_t` of maps.clh."""
         bins, count = self._settings.bins, len(parts(self._settings.bins))
         first = run.layer * (count * bins.samples + bins.tilt)
         tilt, behind = first + count * bins.samples, bins.layer_samples[run.layer]

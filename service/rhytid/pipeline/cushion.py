@@ -104,11 +104,11 @@ def launch_cushion(
         _PROGRAMS[kernel], kernel, (across * device.shape.lanes, down * parts),
         segments, cushion.sizes, *others, *arguments, cushion.lists.offsets,
         cushion.lists.members, _shape_values(settings),
-        np.float32(settings.depth), np.array(place, np.int32), *into,
+        np.float32(settings.depth), np.array(place, np.int32), np.float32(1.0 / factor), *into,
         group=(device.shape.lanes, 1),
         defines={
             "BLOCK": _BLOCK, "ROWS": rows, "ITEMS": device.shape.lanes,
-            "APRON": APRON, "COARSE_BLOCK": COARSE_BLOCK, "COARSER": factor, "BULGING": 0,
+            "APRON": APRON, "COARSE_BLOCK": COARSE_BLOCK, "BULGING": 0,
             "LEAST_HALF_WIDTH": f"{LEAST_HALF_WIDTH}f", "WIDENED": f"{WIDENED}f",
             **elements.line_defines, **elements.share_defines, **defines,
         },

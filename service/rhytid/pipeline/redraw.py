@@ -208,10 +208,13 @@ def redrawing(
         out = device.empty(side * side, np.float32)
         with _cushion(device, elements, settings, scales, square) as (coarse, defines):
             launch_blocks(
-                device, "redraw", "redraw", settings, elements, square,
+                device, "redraw", "redraw", settings, square,
                 *elements.line_arguments, scales.wrinkles, *_both(elements.wrinkle_lists),
                 elements.centres, elements.roots, scales.pores, *_both(elements.pore_lists),
-                into=(*coarse, out), defines={**defines, "BULGING": int(bulging(settings.shape))},
+                into=(*coarse, out),
+                defines={
+                    **elements.line_defines, **defines, "BULGING": int(bulging(settings.shape)),
+                },
             )  # fmt: skip
         return out
 
@@ -239,7 +242,6 @@ def launch_blocks(
     program: str,
     kernel: str,
     settings: AssetSettings,
-    elements: UdimElements,
     square: tuple[int, int, int],
     *arguments: Any,
     into: tuple[Any, ...],
@@ -254,13 +256,13 @@ def launch_blocks(
     """
     row, column, side = square
     blocks, rows = side // BLOCK, min(device.shape.rows, BLOCK) // maps
-    shape, lines = settings.shape, elements.line_defines
+    shape = settings.shape
     device.launch(
         program, kernel, (blocks * device.shape.lanes, side // rows), *arguments,
         shape_values(shape), np.float32(shape.least_half_width), np.float32(settings.depth),
         np.int32(settings.resolution // BLOCK), np.int32(row // BLOCK), np.int32(column // BLOCK),
         *into, group=(device.shape.lanes, 1),
-        defines={"BLOCK": BLOCK, "ROWS": rows, "ITEMS": device.shape.lanes, **lines, **defines},
+        defines={"BLOCK": BLOCK, "ROWS": rows, "ITEMS": device.shape.lanes, **defines},
     )  # fmt: skip
 
 
