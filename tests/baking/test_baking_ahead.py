@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
@@ -354,3 +356,32 @@ def wait_until(true: Any) -> None:
             return
         ended.wait(0.01)
     raise AssertionError("not within the time that there is")
+
+
+def test_a_signal_while_writers_are_waited_for_lets_them_end() -> None:
+    """Else what they write in is removed under them."""
+    ended: list[int] = []
+    begun: list[Future[int]] = []
+
+    def write() -> int:
+        time.sleep(0.4)
+        ended.append(1)
+        return 1
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    def use(writers: FileWriters) -> None:
+        with writers:
+            begun.extend(writers.submit(write) for _ in range(2 * writers.ahead))
+            signal.setitimer(signal.ITIMER_REAL, 0.2)
+
+    before, writers = signal.signal(signal.SIGALRM, interrupt), FileWriters(1 << 20)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            use(writers)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    assert len(ended) == writers.ahead
+    assert all(one.done() for one in begun)

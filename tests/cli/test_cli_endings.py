@@ -85,3 +85,25 @@ def test_sigterm_unwinds() -> None:
         signal.raise_signal(signal.SIGTERM)
     assert end.value.code == 143
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.parametrize("later", [None, OSError(39, "Directory not empty", "folder")])
+def test_a_command_that_sigterm_ends_says_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], later: Exception | None
+) -> None:
+    """Whatever comes of it while it unwinds."""
+    import signal
+
+    def terminated(*_: object) -> None:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except Terminated:
+            if later is not None:
+                raise later from None
+            raise
+
+    monkeypatch.setattr(devices, "run", terminated)
+    with pytest.raises(Terminated) as end:
+        main(["devices"])
+    assert end.value.code == 143
+    assert capsys.readouterr().err == "rhytid devices: cancelled by SIGTERM\n"

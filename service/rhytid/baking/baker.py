@@ -322,9 +322,15 @@ class FileWriters:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *raised: object) -> None:
-        """Wait until everything is written; after an error, until what was begun is."""
-        # A copy waits for a file that was queued before it, so that is never cancelled under it.
-        self._pool.shutdown(cancel_futures=kind is not None)
+        """Wait until everything is written; after an error, until what was begun is. A signal that
+        comes meanwhile is such an error: else its folder may be removed under a writer."""
+        try:
+            # A copy waits for a file that was queued before it, so that is never cancelled under
+            # it.
+            self._pool.shutdown(cancel_futures=kind is not None)
+        except BaseException:
+            self._pool.shutdown(cancel_futures=True)
+            raise
 
     def note(self, files: Mapping[str, Path], writing: Future[int]) -> None:
         """Have files, by their keys, in `under_way` until they are written."""

@@ -29,13 +29,14 @@ class Terminated(SystemExit):
 
 
 class Interruption:
-    """The state of an interruption by SIGINT.
+    """The state of an interruption by SIGINT, and of a termination by SIGTERM.
 
-    came: whether SIGINT came.  command: name of the command, once the arguments are read.
+    came, terminated: whether SIGINT came, and SIGTERM.  command: name of the command, once the
+    arguments are read.
     """
 
     def __init__(self) -> None:
-        self.came = False
+        self.came = self.terminated = False
         # The name of the command, once the arguments have been read.
         self.command = ""
         self._said = threading.Lock()
@@ -44,13 +45,20 @@ class Interruption:
         """Print one line on stderr, once."""
         if self._said.acquire(blocking=False):
             program = f"rhytid {self.command}".rstrip()
-            print(f"{program}: interrupted", file=sys.stderr, flush=True)
+            cancelled = self.terminated and not self.came
+            what = "cancelled by SIGTERM" if cancelled else "interrupted"
+            print(f"{program}: {what}", file=sys.stderr, flush=True)
 
     def interrupt(self, number: int, frame: FrameType | None) -> None:
         """The handler of SIGINT. Raises KeyboardInterrupt, once."""
         if not self.came:
             self.came = True
             raise KeyboardInterrupt
+
+    def terminate(self, number: int, frame: FrameType | None) -> None:
+        """The handler of SIGTERM. Raises Terminated."""
+        self.terminated = True
+        raise Terminated(TERMINATED)
 
 
 @contextmanager
@@ -67,7 +75,7 @@ def interruptible() -> Iterator[Interruption]:
     ended = threading.Event()
     before = {
         signal.SIGINT: signal.signal(signal.SIGINT, found.interrupt),
-        signal.SIGTERM: signal.signal(signal.SIGTERM, _terminate),
+        signal.SIGTERM: signal.signal(signal.SIGTERM, found.terminate),
     }
     woken = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
     arguments = (reading, ended, found)
@@ -104,7 +112,3 @@ def end_now(status: int) -> NoReturn:
         pass
     finally:
         os._exit(status)
-
-
-def _terminate(number: int, frame: FrameType | None) -> None:
-    raise Terminated(TERMINATED)

@@ -11,13 +11,11 @@ Windows has no `resource`: this does not run there.
 from __future__ import annotations
 
 import resource
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from statistics import median
 
 import numpy as np
@@ -41,6 +39,7 @@ from rhytid.formats.meshes import MeshFile
 from rhytid.support.console import Stopwatch
 from rhytid.support.cores import core_count
 from rhytid.support.settings import ServiceSettings
+from rhytid.support.temporary_folders import temporary_folder
 
 METHODS = ("redraw", "binned")
 # What is written of each frame, by the number of UDIMs: profiles, and the format of surfaces where
@@ -116,8 +115,8 @@ class BakeBench:
         formats = [name for name in written if name not in PROFILES]
         geometry = Geometry(self._mesh, formats[0], _SUBDIVIDED) if formats else None
         query = MapQuery(method)
-        with tempfile.TemporaryDirectory(prefix="rhytid-bench-") as folder:
-            output = Output(Path(folder), "face", tuple(PROFILES[name] for name in profiles))
+        with temporary_folder("rhytid-bench-") as folder:
+            output = Output(folder, "face", tuple(PROFILES[name] for name in profiles))
             maker = _Maker(self._engine, self.asset, self._sources, query, output, geometry)
             places = self._frames.places
             kernels = _middle([maker.kernels(place, self._frames) for place in places])
@@ -150,8 +149,8 @@ def bake_bench(
     service: ServiceSettings, mesh: Mesh, frames: NDArray[np.float32], settings: AssetSettings
 ) -> Iterator[BakeBench]:
     """A bench with an engine of its own, which lasts as long as the block."""
-    with tempfile.TemporaryDirectory(prefix="rhytid-bench-") as folder:
-        own = replace(service, store=Path(folder) / "store", build_seconds=None)
+    with temporary_folder("rhytid-bench-") as folder:
+        own = replace(service, store=folder / "store", build_seconds=None)
         with closing(Engine(own)) as engine:
             yield BakeBench(engine, mesh, frames, settings)
 

@@ -6,13 +6,11 @@ from __future__ import annotations
 import asyncio
 import math
 import statistics
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import takewhile
-from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -23,6 +21,7 @@ from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.mesh import RECENT_FRAMES
 from rhytid.errors import RhytidError
 from rhytid.formats.graphs import write_graph
+from rhytid.support.temporary_folders import temporary_folder
 from rhytid_client import Asset, Client
 from rhytid_lab.bench.frame import FrameBench
 from rhytid_lab.server import connected, served
@@ -122,9 +121,9 @@ class ServiceBench:
 @contextmanager
 def service_bench(bench: FrameBench) -> Iterator[ServiceBench]:
     """Serve the frame of a bench within the block."""
-    with tempfile.TemporaryDirectory(prefix="rhytid-bench-") as folder:
+    with temporary_folder("rhytid-bench-") as folder:
         device = str(bench.device.info.index)
-        with served(Path(folder) / "store", device) as url, connected(url) as client:
+        with served(folder / "store", device) as url, connected(url) as client:
             yield ServiceBench(bench, url, client)
 
 
