@@ -144,6 +144,22 @@ def test_other_options_are_drawn_again(
     assert bake(engine, tmp_path, [1.0], **change).written == 2
 
 
+def test_files_that_will_be_replaced_are_told_before_one_is(
+    engine: FakeEngine, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bake(engine, tmp_path, [0.5, 0.25])
+    bake(engine, tmp_path, [0.5, 0.25])
+    assert "replaced" not in capsys.readouterr().err
+    before = {name: (tmp_path / name).read_bytes() for name in maps(tmp_path)}
+    engine.failing_after = len(engine.drawn)
+    with pytest.raises(KeyboardInterrupt):
+        bake(engine, tmp_path, [0.5, 0.25], method="binned")
+    told = capsys.readouterr().err
+    assert f"notice: {tmp_path / 'face.1001.0001.exr'} is not what is asked for" in told
+    assert told.count("it is replaced, and so are others like it") == 1
+    assert {name: (tmp_path / name).read_bytes() for name in maps(tmp_path)} == before
+
+
 def test_another_asset_is_drawn_again(engine: FakeEngine, tmp_path: Path) -> None:
     bake(engine, tmp_path, [1.0])
     engine.revision += 1
