@@ -9,7 +9,7 @@ import pytest
 
 from rhytid.errors import CancelledError
 from rhytid.support import cancellation
-from rhytid.synthesis.progress import over_block, over_rows, row_blocks
+from rhytid.synthesis.progress import gathered, masked, over_block, over_rows, row_blocks
 
 
 @pytest.mark.parametrize("count", [0, 1, 999, 1000, 4321])
@@ -68,3 +68,21 @@ def test_the_rows_of_a_block_have_their_turn_alone() -> None:
     over_block(slice(1000, 250_000), add)
     assert (seen[1000:250_000] == 1).all()
     assert seen.sum() == 249_000
+
+
+@pytest.mark.parametrize("count", [0, 1, 65_536, 300_001])
+def test_rows_of_an_index_are_gathered(count: int) -> None:
+    array = np.arange(3.0 * 70_000).reshape(-1, 3)
+    index = np.random.default_rng(count).integers(0, len(array), count)
+    np.testing.assert_array_equal(gathered(array, index), array[index], strict=True)
+
+
+@pytest.mark.parametrize("count", [0, 1, 65_536, 300_001])
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_rows_of_a_mask_keep_their_order(count: int, share: float) -> None:
+    numbers, pairs = np.arange(count, dtype=np.int32), np.arange(2.0 * count).reshape(-1, 2)
+    mask = np.random.default_rng(count).random(count) < share
+    mask[60_000:140_000] = False  # the second block has none
+    found = masked(mask, numbers, pairs)
+    for some, array in zip(found, (numbers, pairs), strict=True):
+        np.testing.assert_array_equal(some, array[mask], strict=True)

@@ -176,7 +176,7 @@ class GraphParts:
             self.lines,
         )
         key = place_keys(pores.uv)
-        size = shapes.pore_sizes(pores.position / self.spacing, key, self.seed)
+        size = shapes.pore_sizes(pores.position, self.spacing, key, self.seed)
         size[self.strengths.hubs] *= np.float32(shapes.HUB)
         size *= fields.pore_radius(pores.triangle, pores.uv)
         progress(0.6, "shapes")

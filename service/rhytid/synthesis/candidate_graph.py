@@ -14,7 +14,7 @@ from rhytid.synthesis.incidence import KEPT, NEEDED, Incidence, chosen
 from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.pore_density import LENGTH, edges_per_pore
 from rhytid.synthesis.pores import scatter_around
-from rhytid.synthesis.progress import Progress, part
+from rhytid.synthesis.progress import Progress, over_rows, part
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.surface import Points, Surface
 from rhytid.synthesis.trails import Paths, Walks, wear
@@ -125,9 +125,13 @@ def priorities(
     stronger edge has the higher priority.
     """
     mark = _marks(work, net, strength, progress)
-    priority: NDArray[np.float64] = strength.astype(np.float64)
-    priority[mark == KEPT] += _CLASS
-    priority[mark == NEEDED] += 2.0 * _CLASS
+    priority, of_class = np.empty(len(strength)), np.zeros(NEEDED + 1)
+    of_class[[KEPT, NEEDED]] = _CLASS, 2.0 * _CLASS
+
+    def add(rows: slice) -> None:
+        priority[rows] = strength[rows] + of_class[mark[rows]]
+
+    over_rows(len(priority), add)
     progress(1.0, "selection")
     return priority
 

@@ -13,6 +13,7 @@ from rhytid.device.buffer import Buffer
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.incidence import KEPT, starts_of, until_decided
 from rhytid.synthesis.lattice import Grid, Lattice, mask_of_lists, spatial_order
+from rhytid.synthesis.progress import gathered, over_rows
 from rhytid.synthesis.surface import Points, unit
 from rhytid.synthesis.workspace import Workspace
 
@@ -99,12 +100,25 @@ class DartSelection:
         read, count = self._work.read, self.count
         found = read(self._kept.pores, (count, 8), np.int32)
         order = spatial_order(found[:, :3])
-        position = self._lattice.positions(found[order, :3])
-        normal = unit(found[order, 4:7].view(np.float32))
+        position, normal = self._placed(found, order)
         del found
-        triangle = read(self._kept.triangle, (count,), np.int32)[order]
-        uv = read(self._kept.uv, (count, 2), np.float32)[order]
+        triangle = gathered(read(self._kept.triangle, (count,), np.int32), order)
+        uv = gathered(read(self._kept.uv, (count, 2), np.float32), order)
         return Points(triangle, uv, position, normal), order
+
+    def _placed(
+        self, found: NDArray[np.int32], order: NDArray[np.intp]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        """Positions (N, 3) and normals (N, 3) of kept pores (N, 8), in an order."""
+        position, normal = np.empty((len(order), 3)), np.empty((len(order), 3), np.float32)
+
+        def place(rows: slice) -> None:
+            some = found[order[rows]]
+            position[rows] = self._lattice.positions(some[:, :3])
+            normal[rows] = unit(some[:, 4:7].view(np.float32))
+
+        over_rows(len(order), place)
+        return position, normal
 
     def _thinned(self, darts: Throw, fitting: NDArray[np.int32]) -> NDArray[np.int32]:
         """The fitting darts that are kept when they come in the order of priority."""

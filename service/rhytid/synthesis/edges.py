@@ -16,7 +16,7 @@ from rhytid.synthesis.incidence import Incidence, starts_of
 from rhytid.synthesis.lattice import DevicePoints, Lattice
 from rhytid.synthesis.pore_density import spacings
 from rhytid.synthesis.pores import map_corners
-from rhytid.synthesis.progress import Progress, part, silent
+from rhytid.synthesis.progress import Progress, masked, part, silent
 from rhytid.synthesis.seams.charts import BORDER, LONGEST, meets_at_seam
 from rhytid.synthesis.surface import BoolArray, IntArray, Points, Surface
 from rhytid.synthesis.workspace import Workspace
@@ -61,6 +61,10 @@ class Edges:
         """The edges of an index or a mask, in its order."""
         return Edges(self.nodes[index], self.length[index], self.middle[index])
 
+    def drawable(self, mask: BoolArray) -> Edges:
+        """The edges of a mask."""
+        return Edges(*masked(mask, self.nodes, self.length, self.middle))
+
 
 def candidates(
     work: Workspace,
@@ -97,7 +101,7 @@ def candidates(
         rows = rest[start : start + _ROWS]
         drawable[rows] = meets_at_seam(surface, across, pores, nodes[rows], length[rows])
         progress(0.95 + 0.05 * start / len(rest), "edges")
-    return Edges(nodes, length, middle).take(drawable), nearest
+    return Edges(nodes, length, middle).drawable(drawable), nearest
 
 
 def _ways(

@@ -18,7 +18,7 @@ from rhytid.domain.graph import LEAST_SIZE, ORIGINAL, STEEPEST
 from rhytid.synthesis.candidate_graph import CandidateGraph, Ground
 from rhytid.synthesis.edges import DEFINES
 from rhytid.synthesis.incidence import Incidence
-from rhytid.synthesis.progress import over_rows
+from rhytid.synthesis.progress import gathered, over_rows
 from rhytid.synthesis.seams.borders import NONE, Borders
 from rhytid.synthesis.seams.charts import BORDER, Halves, halves, side_at
 from rhytid.synthesis.shapes import WIDE, half_widths_uv
@@ -80,11 +80,16 @@ def draw(
 
     spacing: of pores on even skin, in units of the surface.
     """
-    joined, pores = net.edges.nodes[edge], net.pores
-    triangle = net.edges.middle[edge]
+    joined, pores = gathered(net.edges.nodes, edge), net.pores
+    triangle = gathered(net.edges.middle, edge)
     split = np.flatnonzero(triangle == BORDER)
     half = _turned_to_middle(ground, pores, joined, split)
-    step = pores.uv[joined[:, 1]] - pores.uv[joined[:, 0]]
+    step = np.empty((len(edge), 2), np.float32)
+
+    def measure(rows: slice) -> None:
+        step[rows] = pores.uv[joined[rows, 1]] - pores.uv[joined[rows, 0]]
+
+    over_rows(len(edge), measure)
     triangle[split] = np.where(half.middle == BORDER, half.last, half.middle)
     owner, other = joined[split].T
     flat, whole, turn = _laid_flat(ground, pores, borders, joined[split], half)
@@ -223,10 +228,16 @@ def ends_of(
     weights, widths = _at_ends(weight, partners, 0), _at_ends(width, partners, 1)
     for values in (weights, widths):  # halves meet with the mean of their pores' ends
         values[one, 1] = values[two, 0] = 0.5 * (values[one, 0] + values[two, 1])
-    widths *= (half_width / width)[:, None]
-    np.clip(weights, 0.0, 1.0, out=weights)
-    np.clip(widths, np.float32(LEAST_SIZE), 1.0, out=widths)
-    return Ends(joins.slopes, weights, widths, np.maximum(partners, NOTHING))
+    others = np.empty_like(partners)
+
+    def limit(rows: slice) -> None:
+        widths[rows] *= (half_width[rows] / width[rows])[:, None]
+        np.clip(weights[rows], 0.0, 1.0, out=weights[rows])
+        np.clip(widths[rows], np.float32(LEAST_SIZE), 1.0, out=widths[rows])
+        others[rows] = np.maximum(partners[rows], NOTHING)
+
+    over_rows(len(weight), limit)
+    return Ends(joins.slopes, weights, widths, others)
 
 
 def _at_ends(values: Singles, partners: Indices, k: int) -> Singles:
@@ -259,18 +270,47 @@ def _paired(
     charts = _Charts.of(ground, pores, lines)
     for first in range(0, len(pores), _PORES):
         number = min(_PORES, len(pores) - first)
-        here = (lines.pores[:count] >= first) & (lines.pores[:count] < first + number)
-        wrinkles = np.flatnonzero(here.any(axis=1)).astype(np.int32)
-        here = here[wrinkles]
+        wrinkles, here = _ending_at(lines.pores[:count], first, number)
         stored = _stored(lines, wrinkles)
         found = _paired_at(ground, pores, lines, charts, stored, weight, wrinkles, first, number)
-        partner, slope = found
-        end = np.where(partner >= 0, stored[partner // 2, partner % 2], partner)
-        for side in (0, 1):
-            rows = wrinkles[here[:, side]]
-            partners[rows, side] = end[here[:, side], side]
-            slopes[rows, side] = slope[here[:, side], side]
+        _give(found, stored, wrinkles, here, slopes, partners)
     return slopes, partners
+
+
+def _ending_at(pores: Indices, first: int, number: int) -> tuple[Indices, BoolArray]:
+    """The wrinkles (K,) that end at pores `first` to `first + number`, ascending, and (K, 2) which
+    of their ends do.  pores (V, 2): of all wrinkles."""
+    here = np.empty(pores.shape, np.bool_)
+
+    def look(rows: slice) -> None:
+        here[rows] = (pores[rows] >= first) & (pores[rows] < first + number)
+
+    over_rows(len(pores), look)
+    wrinkles = np.flatnonzero(here[:, 0] | here[:, 1]).astype(np.int32)
+    return wrinkles, here[wrinkles]
+
+
+def _give(
+    found: tuple[Indices, Singles],
+    stored: Indices,
+    wrinkles: Indices,
+    here: BoolArray,
+    slopes: Singles,
+    partners: Indices,
+) -> None:
+    """Put what was found of wrinkles (K,) where they are `here` (K, 2) into the arrays of all."""
+    partner, slope = found
+
+    def give(rows: slice) -> None:
+        some = partner[rows]
+        end = np.where(some >= 0, stored[some // 2, some % 2], some)
+        for side in (0, 1):
+            which = here[rows, side]
+            at = wrinkles[rows][which]
+            partners[at, side] = end[which, side]
+            slopes[at, side] = slope[rows, side][which]
+
+    over_rows(len(wrinkles), give)
 
 
 def _stored(lines: Lines, wrinkles: Indices) -> Indices:
@@ -302,14 +342,15 @@ def _paired_at(
 ) -> tuple[Indices, Singles]:
     """(K, 2) the end that continues each end of wrinkles (K,), counted over these, and (K, 2)
     slopes there; right at pores `first` to `first + number`, whose wrinkles all are among these."""
-    count, nodes = len(wrinkles), lines.pores[wrinkles]
-    way = np.empty((count, 3), np.float32)
+    count, nodes = len(wrinkles), gathered(lines.pores, wrinkles)
+    way, out = np.empty((count, 3), np.float32), np.empty((count, 2, 2), np.float32)
 
     def find(rows: slice) -> None:
         way[rows] = unit(pores.position[nodes[rows, 1]] - pores.position[nodes[rows, 0]])
+        out[rows, 0] = lines.step[wrinkles[rows]]
+        out[rows, 1] = -lines.step[stored[rows, 1]]
 
     over_rows(count, find)
-    out = np.stack([lines.step[wrinkles], -lines.step[stored[:, 1]]], axis=1)
     normal = pores.normal[first : first + number].astype(np.float32, copy=False)
     triangle = charts.of_ends(pores, wrinkles, nodes)
     arrays = way, weight[wrinkles], normal, triangle, charts.to_uv, out

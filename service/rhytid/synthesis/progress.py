@@ -6,6 +6,10 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rhytid.support import cancellation
 
@@ -57,12 +61,13 @@ def clocked(progress: Progress) -> tuple[Progress, dict[str, float]]:
     return report, seconds
 
 
-def row_blocks(count: int) -> Iterator[slice]:
-    """The rows 0 to `count`, ROWS at a time. Raises what `stopping.check` does, before each
-    block."""
-    for first in range(0, count, ROWS):
+def row_blocks(count: int, each: int | None = None) -> Iterator[slice]:
+    """The rows 0 to `count`, ROWS or `each` at a time. Raises what `cancellation.check` does,
+    before each block."""
+    each = each or ROWS
+    for first in range(0, count, each):
         cancellation.check()
-        yield slice(first, min(first + ROWS, count))
+        yield slice(first, min(first + each, count))
 
 
 def over_rows(count: int, task: Callable[[slice], None], each: int = _EACH) -> None:
@@ -89,6 +94,40 @@ def over_rows(count: int, task: Callable[[slice], None], each: int = _EACH) -> N
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
+
+
+def gathered(array: NDArray[Any], index: NDArray[np.integer]) -> NDArray[Any]:
+    """The rows of an array at an index, on as many threads as there are cores."""
+    found = np.empty((len(index), *array.shape[1:]), array.dtype)
+
+    def gather(rows: slice) -> None:
+        found[rows] = array[index[rows]]
+
+    over_rows(len(index), gather)
+    return found
+
+
+def masked(mask: NDArray[np.bool_], *arrays: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+    """The rows of arrays where a mask is true, on as many threads as there are cores. Arrays
+    themselves where it is true throughout."""
+    ends = np.zeros(-(-len(mask) // _EACH) + 1, np.int64)
+
+    def count(rows: slice) -> None:
+        ends[rows.start // _EACH + 1] = np.count_nonzero(mask[rows])
+
+    over_rows(len(mask), count)
+    np.cumsum(ends, out=ends)
+    if ends[-1] == len(mask):
+        return arrays
+    found = tuple(np.empty((ends[-1], *array.shape[1:]), array.dtype) for array in arrays)
+
+    def take(rows: slice) -> None:
+        block = rows.start // _EACH
+        for array, some in zip(arrays, found, strict=True):
+            some[ends[block] : ends[block + 1]] = array[rows][mask[rows]]
+
+    over_rows(len(mask), take)
+    return found
 
 
 def over_block(block: slice, task: Callable[[slice], None]) -> None:

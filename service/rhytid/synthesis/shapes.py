@@ -30,6 +30,9 @@ REGION, REGION_VARIATION = 40.0, 0.12
 # So that random numbers for one purpose are others than for another.
 _SIZE, _DEPTH = 1, 2
 Doubles = NDArray[np.float64]
+# Wrinkles whose values are added up at pores at a time: what is computed on the way stays in the
+# cache, and in memory that was used before. Fresh memory takes longer than the sums.
+_AT_ENDS = 1 << 14
 # How much longer than wide a pore is whose lines all run one way; where they run all ways it is as
 # long as wide. Deviation of the logarithm of that from one pore to the next, and of the angle.
 ALONG, LENGTH_VARIATION, TILT = 0.8, 0.12, np.radians(12.0)
@@ -71,16 +74,16 @@ def half_widths_uv(surface: Surface, triangle: Triangles, step: Floats, width: F
     return half
 
 
-def pore_sizes(position: FloatArray, key: Words, seed: int) -> Singles:
+def pore_sizes(position: FloatArray, spacing: float, key: Words, seed: int) -> Singles:
     """(N,) radii in PORE_SIZE spacings: log-normal, with regions of larger and of smaller pores.
 
-    position (N, 3): in spacings.  key (N,): a random word of each pore.
+    position (N, 3): of each, in the unit of the spacing.  key (N,): a random word of each pore.
     """
     noise = SmoothNoise(REGION, np.random.default_rng([seed, _SIZE]))
     sizes = np.empty(len(position), np.float32)
 
     def find(rows: slice) -> None:
-        deviation = np.float32(REGION_VARIATION) * noise.at(position[rows])
+        deviation = np.float32(REGION_VARIATION) * noise.at(position[rows] / spacing)
         deviation += np.float32(PORE_VARIATION) * normals(key[rows], _SIZE, seed)
         sizes[rows] = np.exp(np.clip(deviation, -0.7, 0.7))
 
@@ -107,7 +110,7 @@ def pore_weights(
     total = np.zeros((2, count))
 
     def add(side: slice) -> None:
-        for rows in row_blocks(len(nodes)):
+        for rows in row_blocks(len(nodes), _AT_ENDS):
             at = nodes[rows, side.start]
             np.add.at(total[side.start], at[at < count], weight[rows][at < count])
 
@@ -163,7 +166,7 @@ def _axes_at_ends(
     sums = np.zeros((2, 3, len(triangle)))
 
     def add(side: slice) -> None:
-        for rows in row_blocks(len(nodes)):
+        for rows in row_blocks(len(nodes), _AT_ENDS):
             whole = np.flatnonzero((nodes[rows] < len(triangle)).all(axis=1))
             at, heavy = nodes[rows, side.start][whole], weight[rows][whole].astype(np.float64)
             x, y = _in_frame(frames[triangle[at]], step[rows][whole].astype(np.float64)).T

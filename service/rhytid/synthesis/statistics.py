@@ -16,7 +16,7 @@ from rhytid.errors import GraphError
 from rhytid.synthesis.edges import DEFINES, crossings
 from rhytid.synthesis.fields import level_directions
 from rhytid.synthesis.lattice import DevicePoints
-from rhytid.synthesis.progress import over_rows, row_blocks
+from rhytid.synthesis.progress import masked, over_rows, row_blocks
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface
 from rhytid.synthesis.workspace import Workspace
 
@@ -149,8 +149,7 @@ def _net(mesh: Mesh, surface: Surface, graph: WrinkleGraph) -> _Net:
         shown[some] = (graph.edge_weight[rows[some]] > 0) & placed[nodes[some]].all(axis=1)
 
     over_rows(len(rows), look)
-    if not shown.all():
-        rows, nodes = rows[shown], nodes[shown]
+    rows, nodes = masked(shown, rows, nodes)
     points = _points(surface, graph, np.flatnonzero(placed))
     number = np.cumsum(placed, dtype=np.int32)
     length = np.empty(len(nodes))
