@@ -1,6 +1,6 @@
 // Blends precomputed maps by the stretch of each texel's triangle (Alg. 3, lines 11 to 14).
 // A vector of texels per work-item. What Alg. 3 computes up to line 10 is the same in a whole triangle,
-// so a vector is blended once for each triangle in it, and each texel takes its own.
+// so its numbers are read once for a vector, and each texel takes those of its own.
 
 #include "ahead.clh"
 #include "merge.clh"
@@ -24,113 +24,146 @@ inline neighbours_t neighbours(__global const CODE *maps, float place)
     return n;
 }
 
-// Linear between them. coefficients: four, of weights.cl, read one by one, so that each is loaded into all
-// lanes at once.
-inline float16 between(neighbours_t codes, __global const float *coefficients)
+// Numbers of one triangle, of two or of three, and the texels in the second and in the third. count: how many,
+// known to the compiler. Not in arrays, which PoCL keeps in memory.
+typedef struct {
+    int count;
+    __global const float *first, *second, *third;
+    int16 in_second, in_third;
+} triangles_t;
+
+#define IN_PLACE inline __attribute__((always_inline))
+
+// numbers: so many of every triangle.
+IN_PLACE triangles_t triangles_of(__global const int2 *members, int count, __global const float *numbers,
+                                  int each)
 {
+    const int2 second = members[count > 1 ? 1 : 0], third = members[count > 2 ? 2 : 0];
+    triangles_t triangles = {count, numbers + members[0].x * each, numbers + second.x * each,
+                             numbers + third.x * each, lanes_of(second.y), lanes_of(third.y)};
+    return triangles;
+}
+
+// Of numbers of each triangle that of the one that each texel lies in.
+IN_PLACE float16 own_of(triangles_t triangles, float16 first, float16 second, float16 third)
+{
+    if (triangles.count > 1)
+        first = select(first, second, triangles.in_second);
+    return triangles.count > 2 ? select(first, third, triangles.in_third) : first;
+}
+
+// Number k of the triangle that each texel lies in.
+IN_PLACE float16 chosen(triangles_t triangles, int k)
+{
+    return own_of(triangles, triangles.first[k], triangles.second[k], triangles.third[k]);
+}
+
+inline bool alike(triangles_t triangles, int k)
+{
+    const int first = as_int(triangles.first[k]);
+    return (triangles.count < 2 || as_int(triangles.second[k]) == first) &&
+           (triangles.count < 3 || as_int(triangles.third[k]) == first);
+}
+
+// Linear between two samples. coefficients: four, of weights.cl, read one by one, so that each is loaded into
+// all lanes at once.
+inline float16 between(__global const CODE *maps, __global const float *coefficients)
+{
+    const neighbours_t codes = neighbours(maps, coefficients[2]);
     return codes.first * coefficients[0] + codes.second * coefficients[1];
 }
 
-// Algorithm 3, lines 11 to 14, as if every texel lay in one triangle, in units of the merge.
-// coefficients: of that triangle, from what lines 5 to 10 compute (weights.cl). With TILT, the depth
-// scale of a bin is a line over the angle at which the wrinkle of a texel runs.
-inline float16 blend_triangle(__global const CODE *maps, __global const float4 *coefficients)
+// Each texel between two samples by the coefficients of its triangle. Triangles of a vector mostly lie
+// between the same ones, and it is blended once.
+IN_PLACE float16 between_own(__global const CODE *maps, triangles_t own)
+{
+    if (!alike(own, 2))
+        return own_of(own, between(maps, own.first), between(maps, own.second), between(maps, own.third));
+    const neighbours_t codes = neighbours(maps, own.first[2]);
+    return codes.first * chosen(own, 0) + codes.second * chosen(own, 1);
+}
+
+// Algorithm 3, lines 11 to 14, in units of the merge. own: the coefficients of the triangles, from what lines
+// 5 to 10 compute (weights.cl). With TILT, the depth scale of a bin is a line over the angle at which the
+// wrinkle of a texel runs.
+IN_PLACE float16 merged_heights(__global const CODE *maps, triangles_t own)
 {
     merge_state_t merged = NOTHING_MERGED;
     for (int n = 0; n < LAYERS; n++) {
-        __global const float *own = (__global const float *)(coefficients + n);
         for (int part = 0; part < PARTS; part++) {
-            float16 d = between(neighbours(maps + LAYER_AT(n, part), own[2]), own);
+            float16 d = between_own(maps + LAYER_AT(n, part), own);
 #if TILT
             if (n < LAYERS - 1)
-                d += d * (FLOATS_OF(maps + TILT_AT(n)) * own[3]);
+                d += d * (FLOATS_OF(maps + TILT_AT(n)) * chosen(own, 3));
 #endif
             merged = accumulate(merged, d);
         }
+        own.first += 4;
+        own.second += 4;
+        own.third += 4;
     }
     return height_of(merged);
 }
 
-// The same of two triangles at once, which mostly lie between the same samples: codes are made floats once.
+// Heights in units of the merge, and gains of the grain.
 typedef struct {
-    float16 first, second;
-} two_heights_t;
+    float16 heights, gains;
+} blended_t;
 
-inline __attribute__((always_inline)) two_heights_t blend_two(__global const CODE *maps,
-                                                              __global const float4 *of_first,
-                                                              __global const float4 *of_second)
+IN_PLACE blended_t blended(__global const CODE *maps, __global const int2 *members, int count,
+                           __global const float *coefficients, __global const float *gains)
 {
-    merge_state_t first = NOTHING_MERGED, second = NOTHING_MERGED;
-    for (int n = 0; n < LAYERS; n++) {
-        __global const float *own = (__global const float *)(of_first + n);
-        __global const float *other = (__global const float *)(of_second + n);
-        for (int part = 0; part < PARTS; part++) {
-            neighbours_t codes = neighbours(maps + LAYER_AT(n, part), own[2]);
-            float16 d = between(codes, own);
-            if (as_int(own[2]) != as_int(other[2]))
-                codes = neighbours(maps + LAYER_AT(n, part), other[2]);
-            float16 e = between(codes, other);
-#if TILT
-            if (n < LAYERS - 1) {
-                const float16 tilt = FLOATS_OF(maps + TILT_AT(n));
-                d += d * (tilt * own[3]);
-                e += e * (tilt * other[3]);
-            }
+    blended_t found = {merged_heights(maps, triangles_of(members, count, coefficients, 4 * LAYERS)), 0.0f};
+#ifdef GRAINY
+    found.gains = chosen(triangles_of(members, count, gains, 1), 0);
 #endif
-            first = accumulate(first, d);
-            second = accumulate(second, e);
-        }
+    return found;
+}
+
+// The same of all triangles of a vector.
+IN_PLACE blended_t blended_all(__global const CODE *maps, __global const int2 *members, int count,
+                               __global const float *coefficients, __global const float *gains)
+{
+    if (count == 1)
+        return blended(maps, members, 1, coefficients, gains);
+    if (count == 2)
+        return blended(maps, members, 2, coefficients, gains);
+    blended_t all = blended(maps, members, 3, coefficients, gains);
+    for (int t = 3; t < count; t++) {
+        const blended_t one = blended(maps, members + t, 1, coefficients, gains);
+        all.heights = select(all.heights, one.heights, lanes_of(members[t].y));
+        all.gains = select(all.gains, one.gains, lanes_of(members[t].y));
     }
-    two_heights_t two = {height_of(first), height_of(second)};
-    return two;
+    return all;
 }
 
 // firsts, members: the triangles of each vector. codes: of each vector those of all maps, side by side
-// in memory: what a work-item reads is one stream, in order. coefficients: LAYERS per triangle, of
+// in memory: what a work-item reads is one stream, in order. coefficients: LAYERS x 4 per triangle, of
 // weights.cl. unit: of the merge, mesh units. out: displacement, mesh units; within 1e-6 of the
 // largest step times code of the same in double. Where RAISED is defined, coarse: the broad layer
 // around the tile, which has `width` texels per row. Where GRAINY is, grain: its codes; gains: of each
 // triangle; amplitude of a code and depth in mesh units.
 inline void blend_vector(__global const int *firsts, __global const int2 *members,
                          __global const CODE *codes, __global const float *coarse,
-                         __global const char *grain, __global const float4 *coefficients,
+                         __global const char *grain, __global const float *coefficients,
                          __global const float *gains, float unit, int width, float amplitude,
                          float depth, __global float *out)
 {
-    int i = get_global_id(0), member = firsts[i], end = firsts[i + 1];
-    if (members[member].y & CLEAR) {
+    int i = get_global_id(0), first = firsts[i];
+    if (members[first].y & CLEAR) {
         vstore16((float16)(0.0f), 0, out + i * WIDTH);
         return;
     }
     codes += (size_t)i * VECTOR_CODES;
     ASK_AHEAD(codes, VECTOR_CODES);
-    float16 d = 0.0f;
-#ifdef GRAINY
-    float16 gain = 0.0f;
-#endif
-    if ((end - member) & 1) { // one alone, then two at a time
-        const int triangle = members[member++].x;
-        d = blend_triangle(codes, coefficients + triangle * LAYERS);
-#ifdef GRAINY
-        gain = gains[triangle];
-#endif
-    }
-    for (; member < end; member += 2) {
-        const int2 first = members[member], second = members[member + 1];
-        const two_heights_t two =
-            blend_two(codes, coefficients + first.x * LAYERS, coefficients + second.x * LAYERS);
-        d = select(select(d, two.first, lanes_of(first.y)), two.second, lanes_of(second.y));
-#ifdef GRAINY
-        gain = select(gain, (float16)(gains[first.x]), lanes_of(first.y));
-        gain = select(gain, (float16)(gains[second.x]), lanes_of(second.y));
-#endif
-    }
-    d *= unit;
+    const blended_t all =
+        blended_all(codes, members + first, firsts[i + 1] - first, coefficients, gains);
+    float16 d = all.heights * unit;
 #ifdef RAISED
     d += brought_up16(coarse, width, i * WIDTH);
 #endif
 #ifdef GRAINY
-    d = grained(d, convert_float16(vload16(0, grain + i * WIDTH)), gain, amplitude, depth);
+    d = grained(d, convert_float16(vload16(0, grain + i * WIDTH)), all.gains, amplitude, depth);
 #endif
     vstore16(d, 0, out + i * WIDTH);
 }
@@ -148,7 +181,7 @@ inline void blend_vector(__global const int *firsts, __global const int2 *member
 // It is in vectors already: without the hint Intel's compiler packs work-items, which takes half as
 // long again.
 __kernel __attribute__((vec_type_hint(float16))) void
-blend(TILE(0), TILE(1), TILE(2), TILE(3), __global const float4 *coefficients,
+blend(TILE(0), TILE(1), TILE(2), TILE(3), __global const float *coefficients,
       __global const float *gains, float unit, int width, float amplitude, float depth)
 {
     switch (get_global_id(1)) {
