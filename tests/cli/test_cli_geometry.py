@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from cli.running import write_animation, write_neutral
+from cli.running import usage_error, write_animation, write_neutral
 from meshes import SmallMesh
+from rhytid.cli import bake as cli_bake
 from rhytid.cli import main
 from rhytid.exports.displaced import sampled
 from rhytid.formats.exr import read_exr
@@ -83,3 +85,32 @@ def test_too_many_triangles_are_refused_before_anything_is_made(
     assert main([*given, "--subdivide", "8"]) == 1
     assert "600 triangles cut 8 times are 39321600" in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_the_first_frame_is_drawn_as_a_picture(
+    tmp_path: Path, small_mesh: SmallMesh, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That of the part that is baked, whether its maps are there already or not."""
+    monkeypatch.setattr(cli_bake, "_PIXELS", 200)
+    shot = write_animation(tmp_path / "shot.npz", small_mesh, 2)
+    more = ("--store", str(tmp_path / "store"))
+    found = []
+    for name, part in (("first", ()), ("again", ()), ("second", ("--frame-range", "2"))):
+        file = tmp_path / "pictures" / f"{name}.png"
+        bake(shot, tmp_path / "maps", *more, *part, "--picture", str(file))
+        with Image.open(file) as picture:
+            found.append(np.asarray(picture))
+    assert found[0].shape == (200, 200, 3)
+    assert (found[0][0, 0] == 255).all()
+    assert found[0].std() > 10
+    assert (found[1] == found[0]).all()
+    assert (found[2] != found[0]).any()
+
+
+def test_a_job_bundle_has_no_picture(
+    tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shot = str(write_animation(tmp_path / "shot.npz", small_mesh, 1))
+    given = ("--mesh", shot, "--out", str(tmp_path), "--openjd", str(tmp_path))
+    told = usage_error(capsys, "bake", *given, "--picture", str(tmp_path / "p.png"))
+    assert "--picture is of a frame that is baked" in told

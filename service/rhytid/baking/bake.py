@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -25,9 +25,14 @@ from rhytid.support.settings import ServiceSettings
 from rhytid.support.temporary_folders import temporary_folder
 
 
-def bake(request: BakeRequest, warnings: RunWarnings) -> BakeSummary:
+def bake(
+    request: BakeRequest,
+    warnings: RunWarnings,
+    finish: Callable[[Baker], None] = lambda baker: None,
+) -> BakeSummary:
     """Bake the maps that are not baked yet, or write a job bundle, as the request asks.
 
+    finish: called once that is done, while the engine has the asset.
     Raises InputError, LimitError and SettingsError naming the file or the setting, ConflictError
     where the asset cannot be built or used, NotFoundError where it is missing, StrictError where
     warnings are errors, and FarmError where a cluster does not work.
@@ -47,6 +52,7 @@ def bake(request: BakeRequest, warnings: RunWarnings) -> BakeSummary:
             baker.calibrate()
         run = _maps if request.openjd is None else write_job
         summary = run(request, baker, inputs)
+        finish(baker)
         if inputs.new is not None:
             share(engine, baker.asset.id)
     return summary

@@ -11,7 +11,7 @@ import hashlib
 import math
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -104,6 +104,19 @@ class Baker:
                 self.written += sum(done.result() for done in ahead.popleft())
         if self.written:
             self.warnings.drawn_by(self.output.drawn_by(self.engine.tiles.drawn_by))
+
+    def first_maps(self) -> tuple[Texels, Iterator[tuple[int, Texels]]]:
+        """The first frame that is baked: its positions, and its maps by UDIM, each drawn when it is
+        taken."""
+        place = self.output.places(self.frames.places)[0]
+
+        def drawn() -> Iterator[tuple[int, Texels]]:
+            self._put(place)
+            for udim in self.asset.udims:
+                yield udim, self._draw(self._plan(place, udim))
+            self.engine.frames.delete(self.asset.id, place.label)
+
+        return self.frames.read(place), drawn()
 
     def _frame(
         self, record: BakeRecord, writers: FileWriters, place: FramePlace

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rhytid.baking.request import CHUNK, LOCAL, USUAL_SECONDS, BakeRequest
 from rhytid.cli.options import (
@@ -38,13 +40,18 @@ from rhytid.domain.methods import METHODS
 from rhytid.engine.messages import MapQuery
 from rhytid.exports.textures import COMPRESSIONS, USUAL, Shine
 from rhytid.support.build_identity import check_drawing
-from rhytid.support.console import note, report
+from rhytid.support.console import check_suffix, make_place, note, report, working
+
+if TYPE_CHECKING:
+    from rhytid.baking.baker import Baker
 
 # Options that say how an asset is built.
 _BUILDING = (
     "graph", "spacing", "wrinkles", "seed", "lines", "region", "set", "map", "region_mask", "unit",
     "settings", "stiffness", "shapes", "force", "residual", "scan",
 )  # fmt: skip
+# Of a picture of a frame, per side.
+_PIXELS = 1600
 SUMMARY = SUMMARIES["bake"]
 DETAILS = """
 Files are called NAME.<UDIM>.<FRAME>.exr, those of other profiles than float and half otherwise:
@@ -99,6 +106,8 @@ def _add_output(group: Arguments) -> None:
     """Add the options of what is drawn and written."""
     add = group.add_argument
     add("--out", type=Path, required=True, metavar="DIR", help="folder of the maps")
+    picture = "draw the first frame, the whole mesh as it is seen from +z, into a picture, too"
+    add("--picture", type=Path, metavar="FILE.png", help=picture)
     name = "first part of file names (default: NEUTRAL's)"
     add("--name", type=base_name, metavar="NAME", help=name)
     size = f"texels per side, a power of two (default: {AssetSettings().resolution})"
@@ -161,9 +170,27 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.baking.bake import bake
     from rhytid.baking.run_warnings import RunWarnings
 
+    if arguments.picture is not None:
+        check_suffix(arguments.picture, ".png", "the picture")
+        make_place(arguments.picture)
     with RunWarnings("bake", arguments.strict, arguments.allow) as warnings, options_named():
-        summary = bake(_request(arguments), warnings)
+        summary = bake(_request(arguments), warnings, partial(_draw, arguments.picture))
         report(summary.figures, summary.text, arguments.json)
+
+
+def _draw(file: Path | None, baker: Baker) -> None:
+    """Draw the first frame into a file, if there is one."""
+    if file is None:
+        return
+    from PIL import Image
+
+    from rhytid.pictures.surface_patch import whole_picture
+    from rhytid.support.atomic_files import atomic_write
+
+    positions, maps = baker.first_maps()
+    with working(f"drawing {file.name}"), atomic_write(file) as aside:
+        picture = whole_picture(baker.mesh, positions, maps, _PIXELS)
+        Image.fromarray(picture).save(aside, format="png")
 
 
 def _request(arguments: argparse.Namespace) -> BakeRequest:
@@ -223,6 +250,8 @@ def _refuse_conflicts(arguments: argparse.Namespace) -> None:
         arguments.usage_error("--frames and --frames-list both say which frames: use one")
     if arguments.chunk and arguments.openjd is None and arguments.dask is None:
         arguments.usage_error("--chunk says how many frames a task has: give --openjd or --dask")
+    if arguments.picture and arguments.openjd:
+        arguments.usage_error("--picture is of a frame that is baked, --openjd bakes none: use one")
     if arguments.frames_folder and not arguments.frames_list:
         arguments.usage_error("--frames-folder is where the files of --frames-list are: give both")
 

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.pictures.images import BACKGROUND, Picture, to_picture
-from rhytid.pictures.raster import Coverage, rasterize
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.tiles import triangles_inside, udim_origin
+from rhytid.pictures.images import BACKGROUND, Picture, downsample, to_picture
+from rhytid.pictures.raster import Coverage, rasterize, vertex_normals
 from rhytid.pictures.relief import flat_light, lit, spline_samples, spline_slopes
 
 # Sides that a triangle may lie in front of the middle of a patch or behind it.
 _DEPTH = 1.0
 # The largest exposure where the form of the mesh shows: parts that face the light must not clip.
 _FORM_EXPOSURE = 1.2
+# Of a whole mesh: its picture over its largest side, light in degrees, what is drawn for a pixel
+# and along a side, and the squares along a side that are drawn one by one.
+_MARGIN, _WHOLE_LIGHT, _SUPERSAMPLING, _SQUARES = 1.04, 45.0, 2, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +71,14 @@ class SurfacePatch:
     seen: (P, P) triangles among those near the patch.  uv: (P, P, 2), 0 where nothing is seen.
     by_uv: (N, 2, 2) of those triangles: takes ∂h/∂(u, v) to the gradient on the surface, its plane
     laid into that of the picture.  form: (P, P, 3) smooth normals in the frame, of the bare mesh.
+    depth: (P, P) before the plane of the frame.
     """
 
     seen: Coverage
     uv: NDArray[np.float64]
     by_uv: NDArray[np.float64]
     form: NDArray[np.float64]
+    depth: NDArray[np.float64]
 
     def heights(self, displacement: NDArray[Any]) -> NDArray[np.float64]:
         """(P, P) heights of a map (R, R), row 0 at the top, through a cubic B-spline; 0 beside the
@@ -110,17 +119,18 @@ def surface_patch(
     side: float,
     pixels: int,
     normals: NDArray[Any] | None = None,
+    deep: float | None = None,
 ) -> SurfacePatch:
     """A square of `side` mesh units around the origin of a frame, seen orthographically along it.
 
     corners: (F, 3, 3).  triangle_uv: (F, 3, 2) local to the UDIM of the maps.  normals: (F, 3, 3)
     smooth ones at the corners; without them, those of the triangles.
 
-    The nearest triangle that faces the viewer is visible. Triangles more than a side before or
-    behind the plane are left out.
+    The nearest triangle that faces the viewer is visible. Triangles more than `deep` before or
+    behind the plane, usually a side, are left out.
     """
     local = frame.local(corners)
-    near = _near(local, side)
+    near = _near(local, side, _DEPTH * side if deep is None else deep)
     local, uv = local[near], np.asarray(triangle_uv, np.float64)[near]
     flat = _unit(np.cross(local[:, 1] - local[:, 0], local[:, 2] - local[:, 0]))
     around = np.repeat(flat[:, None], 3, axis=1)
@@ -128,12 +138,53 @@ def surface_patch(
         around = np.asarray(normals, np.float64)[near] @ frame.axes.T
     points = local[..., :2] * (1, -1) * (pixels / side) + pixels / 2
     seen = rasterize(points, pixels, pixels, local[..., 2])
-    return SurfacePatch(seen, seen.smooth(uv), _by_uv(local, uv, flat), _unit(seen.smooth(around)))
+    form, depth = _unit(seen.smooth(around)), seen.smooth(local[..., 2:])[..., 0]
+    return SurfacePatch(seen, seen.smooth(uv), _by_uv(local, uv, flat), form, depth)
 
 
-def _near(local: NDArray[np.float64], side: float) -> NDArray[np.int64]:
+def whole_picture(
+    mesh: Mesh, positions: NDArray[Any], maps: Iterable[tuple[int, NDArray[Any]]], pixels: int
+) -> Picture:
+    """(pixels, pixels, 3) a whole mesh with its relief, seen from +z, light from the upper left.
+
+    positions: (V, 3).  maps: UDIMs and their displacement (R, R), row 0 at the top, taken one by
+    one.  pixels: a multiple of _SQUARES.
+    """
+    fine, low, high = pixels * _SUPERSAMPLING, positions.min(axis=0), positions.max(axis=0)
+    normals, side = vertex_normals(positions, mesh.faces), _MARGIN * float((high - low).max())
+    found = np.full((fine, fine, 3), 255, np.uint8)
+    nearest = np.full((fine, fine), -np.inf)
+    for udim, displacement in maps:
+        inside = triangles_inside(mesh, udim)
+        faces, uv = mesh.faces[inside], mesh.triangle_uv()[inside] - udim_origin(udim)
+        corners, around = positions[faces], normals[faces]
+        for where, right, up in _squares(fine, side):
+            frame = Frame((low + high) / 2.0 + (right, up, 0.0), np.eye(3))
+            edge = side / _SQUARES
+            near = _near(frame.local(corners), edge, side)
+            if not len(near):
+                continue
+            given = corners[near], uv[near], frame, edge, fine // _SQUARES, around[near], side
+            patch = surface_patch(*given)
+            nearer = patch.seen.covered & (patch.depth > nearest[where])
+            shown = patch.picture(displacement, _WHOLE_LIGHT, form=True)
+            found[where][nearer], nearest[where][nearer] = shown[nearer], patch.depth[nearer]
+    return to_picture(downsample(found / 255.0, _SUPERSAMPLING))
+
+
+def _squares(pixels: int, side: float) -> Iterator[tuple[tuple[slice, slice], float, float]]:
+    """Squares of a picture, which take less memory one by one than all of it: their pixels, and
+    how far right and up of its middle theirs are."""
+    edge = pixels // _SQUARES
+    middles = [((n + 0.5) / _SQUARES - 0.5) * side for n in range(_SQUARES)]
+    for row, column in itertools.product(range(_SQUARES), repeat=2):
+        rows, columns = (slice(n * edge, (n + 1) * edge) for n in (row, column))
+        yield (rows, columns), middles[column], -middles[row]
+
+
+def _near(local: NDArray[np.float64], side: float, deep: float) -> NDArray[np.int64]:
     """Triangles (N,) that reach into the box of a patch and face the viewer."""
-    reach = np.array([0.5 * side, 0.5 * side, _DEPTH * side])
+    reach = np.array([0.5 * side, 0.5 * side, deep])
     low, high = local.min(axis=1), local.max(axis=1)
     a, b = (local[:, i, :2] - local[:, 0, :2] for i in (1, 2))
     facing = a[:, 0] * b[:, 1] > a[:, 1] * b[:, 0]
