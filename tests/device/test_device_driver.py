@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from pyopencl import cache
 
+import rhytid_kernels
 from rhytid.device import caches, driver, loader
 from rhytid.device.caches import provide_cache_folder
 from rhytid.device.driver import cl
@@ -49,6 +50,14 @@ def test_what_kernels_do_not_use_of_opencl_builds_as_well(device, driver_builds)
         == "far"
     )
     assert driver_builds[-1] == ["-DFAR"]
+
+
+def test_kernels_define_no_macro_of_the_builtins():
+    """PoCL would warn of it, and build such a program twice where warnings are errors."""
+    macro = re.compile(r"^[ \t]*#[ \t]*define[ \t]+(\w+)", re.MULTILINE)
+    taken = set(macro.findall(rhytid_kernels.builtins()))
+    for name in rhytid_kernels.names():
+        assert not taken & set(macro.findall(rhytid_kernels.source(name))), name
 
 
 def test_small_numbers_end_where_they_do_by_the_header(device):
