@@ -9,20 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import GraphSettings
-from rhytid.domain.painted_maps import (
-    NEUTRALS,
-    REGION_MAPS,
-    REGION_PREFIX,
-    Controls,
-    Shares,
-    signed,
-)
-from rhytid.domain.skin import USUAL_AGE, Region, aged, regions
+from rhytid.domain.painted_maps import REGION_MAPS, Controls, Shares, signed
+from rhytid.domain.skin import USUAL_AGE, regions
 from rhytid.synthesis.fields import Factors, Fields
-from rhytid.synthesis.fold_field import FoldField, Planes
+from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.painting import PaintedDirections, PaintedMaps
 from rhytid.synthesis.patches import Patches
 from rhytid.synthesis.progress import row_blocks
+from rhytid.synthesis.region_mix import RegionMix
 from rhytid.synthesis.surface import Surface
 
 # Painted and regional density together stay within; what is painted below BARE is bare.
@@ -84,8 +78,6 @@ class PaintedFields(Fields):
     ) -> None:
         self._surface, self._settings, self._folds = surface, settings, folds
         self._controls, self._patches = controls, patches
-        known = regions(settings.anatomy)
-        self._skin = {name: aged(region, settings.age) for name, region in known.items()}
         self.some_contrast = settings.age != USUAL_AGE
         maps = controls.maps
         self._maps = {
@@ -94,27 +86,24 @@ class PaintedFields(Fields):
         self._directions = (
             PaintedDirections(surface, maps["direction"]) if "direction" in maps else None
         )
-        self._regions = [name for name in REGION_MAPS if name in maps]
-        masks = () if folds is None else folds.regions
-        self._planes: dict[str, Planes | None] = {}
-        self._masks = [name for name in masks if REGION_PREFIX + name not in maps]
-        used = self._names_of_regions()
-        self._some_folded = folds is not None and any(self._skin[n].folded != 1.0 for n in used)
-        self.some_leading = folds is not None or any(self._skin[n].creases > 0.0 for n in used)
+        self._regions = RegionMix(settings, self._maps, folds, _PLAIN)
+        used = self._regions.used
+        self._some_folded = folds is not None and any(skin.folded != 1.0 for skin in used)
+        self.some_leading = folds is not None or any(skin.creases > 0.0 for skin in used)
         low, high = self._densities()
         self.least_spacing, self.most_spacing = high**-0.5, low**-0.5
         self.most_events = 2.0 if "events" in maps else 1.0
         self.some_bare = "density" in maps and self._darkest() < BARE
-        shaping = [self._maps[name] for name in ("density", *self._regions) if name in maps]
+        shaping = [self._maps[name] for name in ("density", *REGION_MAPS) if name in maps]
         details = [lookup.detail for lookup in shaping]
-        if folds is not None and self._masks:
+        if folds is not None and self._regions.masks:
             details.append(folds.detail)
         if patches is not None:
             details.append(patches.detail)
             # With what is painted as without, or paint in one place would move pores in another.
             self.looks = _PATCHED_LOOKS
         self.detail = min(details, default=float("inf"))
-        base = known[settings.region]
+        base = regions(settings.anatomy)[settings.region]
         self.usual_pore_radius = settings.pore_radius * base.pore_radius * base.density**-0.5
 
     @property
@@ -137,8 +126,8 @@ class PaintedFields(Fields):
         """(N,) factors that `spacing` is nowhere below in triangles (N,): by the regions of folds;
         where density or regions are painted, the least of all."""
         least = super().closest(triangle)
-        planes = self._planes_of("density")
-        if planes is None or self._regions or "density" in self._maps:
+        planes = self._regions.planes_of("density")
+        if planes is None or self._regions.painted or "density" in self._maps:
             return least
         density = np.exp(planes[4, triangle])
         if self._patches is not None:
@@ -334,7 +323,7 @@ class PaintedFields(Fields):
         self, values: Mapping[str, float], triangle: NDArray[Any], uv: NDArray[Any]
     ) -> Factors:
         """Values of the regions, mixed by their masks as factors are."""
-        return self._masked(values, self._mixed(values), triangle, uv)
+        return self._regions.mixed(values, triangle, uv)
 
     def events(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the number of events; painted black is none, white is double."""
@@ -387,63 +376,8 @@ class PaintedFields(Fields):
         return factor
 
     def _region(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """A factor (or one of _PLAIN) of the regions, mixed by their masks: factors by their
-        logarithms."""
-        values = self._values_of(name)
-        planes = self._planes_of(name)
-        if not self._regions and not self._masks:
-            # As an array, so that it is rounded as where a mask of black is painted.
-            base = np.full(1, values[self._settings.region], np.float32)
-            return np.repeat(np.asarray(_meant(base, name)), len(triangle))
-        mixed = self._masked(values, planes, triangle, uv)
-        return np.asarray(_meant(mixed, name), np.float32)
-
-    def _values_of(self, name: str) -> dict[str, float]:
-        return {region: _value(self._skin[region], name) for region in self._names_of_regions()}
-
-    def _planes_of(self, name: str) -> Planes | None:
-        """`_mixed` of what `_region` has by this name."""
-        if name not in self._planes:
-            self._planes[name] = self._mixed(self._values_of(name))
-        return self._planes[name]
-
-    def _masked(
-        self,
-        values: Mapping[str, float],
-        planes: Planes | None,
-        triangle: NDArray[Any],
-        uv: NDArray[Any],
-    ) -> Factors:
-        """Values of the regions, mixed: painted masks count first, then those of folds, by the
-        planes that `_mixed` has of these values; the rest is the region of the settings."""
-        if not self._regions and planes is not None and self._folds is not None:
-            return self._folds.at(planes, triangle, uv)
-        total, mixed = np.zeros(len(triangle), np.float32), np.zeros(len(triangle), np.float32)
-        for region in self._regions:
-            weight = self._maps[region].at(triangle, uv, neutral=NEUTRALS[region])
-            mixed += weight * np.float32(values[region.removeprefix(REGION_PREFIX)])
-            total += weight
-        mixed /= np.maximum(total, 1.0)
-        left = np.maximum(1.0 - total, 0.0)
-        if self._folds is not None and planes is not None:
-            left *= self._folds.at(planes, triangle, uv)
-        else:
-            left *= np.float32(values[self._settings.region])
-        mixed += left
-        return mixed
-
-    def _mixed(self, values: Mapping[str, float]) -> Planes | None:
-        """Values of regions mixed by the masks of the folds, the region of the settings where these
-        leave something; None where the folds have none."""
-        if self._folds is None or not self._masks:
-            return None
-        masked = {region: values[region] for region in self._masks}
-        return self._folds.mixed(masked, values[self._settings.region])
-
-    def _names_of_regions(self) -> list[str]:
-        """Of all that some skin may be."""
-        painted = [name.removeprefix(REGION_PREFIX) for name in self._regions]
-        return [self._settings.region, *painted, *self._masks]
+        """A factor (or one of _PLAIN) of the regions."""
+        return self._regions.factor(name, triangle, uv)
 
     def _darkest(self) -> float:
         """The least of the density map."""
@@ -451,7 +385,7 @@ class PaintedFields(Fields):
 
     def _densities(self) -> tuple[float, float]:
         """The least and the largest density of skin that is not bare."""
-        regional = [self._skin[name].density for name in self._names_of_regions()]
+        regional = [skin.density for skin in self._regions.used]
         low, high = min(regional), max(regional)
         if "density" in self._maps:
             most = float(density_of(np.float32(self._maps["density"].most)))
@@ -469,13 +403,3 @@ def density_of(grey: Shares) -> Shares:
     """Black is 0, mid grey 1, white 4: as many times more lines to a length as it is brighter."""
     found: Shares = (np.float32(1.0) + signed(grey)) ** 2
     return found
-
-
-def _value(region: Region, name: str) -> float:
-    value = float(getattr(region, name))
-    return value if name in _PLAIN else float(np.log(value))
-
-
-def _meant(value: Any, name: str) -> Any:
-    """The inverse of `_value`."""
-    return value if name in _PLAIN else np.exp(value)
