@@ -18,9 +18,11 @@ from rhytid.domain.skin import REGIONS
 from rhytid.engine.assets.graphs import mean_spacing
 from rhytid.formats.graphs import read_graph, write_graph
 from rhytid.synthesis.events import Events, events_of
+from rhytid.synthesis.fields import Factors
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.lattice import Around
 from rhytid.synthesis.painted_fields import fields_of
+from rhytid.synthesis.patches import Patches
 from rhytid.synthesis.statistics import statistics
 from rhytid.synthesis.surface import Surface
 from synthesis.painted import painted, right
@@ -178,6 +180,37 @@ def test_painted_strength_hides_events_and_moves_none() -> None:
     np.testing.assert_array_equal(hidden.weight[light], usual.weight[light])
     strong, _ = placed(sheet(), controls=painted(strength=right(1.0)))
     np.testing.assert_array_equal(strong.weight, usual.weight)
+
+
+def in_patches(region: str, **changes: float | str) -> tuple[NDArray[np.float64], Events, Factors]:
+    """How many times as high events are with patches as without, the events, and what fields of
+    patches say of bumps there."""
+    surface, settings = Surface.of(sheet()), replace(SETTINGS, region=region, **changes)
+    patches = Patches.of(surface, settings, None)
+    patched = fields_of(surface, settings, None, None, patches)
+    even = events_of(surface, fields_of(surface, settings, None), settings, SPACING)
+    found = events_of(surface, patched, settings, SPACING)
+    assert even is not None
+    assert found is not None
+    np.testing.assert_array_equal(found.points.position, even.points.position)
+    at = even.points.triangle, even.points.uv
+    return found.weight.astype(np.float64) / even.weight, even, patched.bumps(*at)
+
+
+def test_bumps_of_a_neck_are_lower_in_quiet_patches_and_moles_are_not() -> None:
+    ratio, events, factor = in_patches("neck", events=8.0)
+    power = np.array([0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0])[events.kind]
+    assert len(np.unique(power)) == 3
+    np.testing.assert_allclose(ratio, factor**power, rtol=1e-5)
+    bumps = factor[events.kind == EVENT_NAMES.index("bump") + 1]
+    assert bumps.min() < 0.6
+    assert 1.2 < bumps.max() < 1.41
+
+
+def test_events_of_other_regions_and_of_coarse_anatomy_follow_no_patches() -> None:
+    for region in ("cheek", "forehead", "mouth"):
+        assert (in_patches(region)[0] == 1.0).all()
+    assert (in_patches("neck", anatomy="coarse")[0] == 1.0).all()
 
 
 def test_none_lies_on_bare_skin() -> None:

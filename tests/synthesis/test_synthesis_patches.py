@@ -179,6 +179,15 @@ def fields(settings: GraphSettings = SETTINGS, controls: Controls | None = None)
     return PaintedFields(ground, settings, controls or Controls({}), None, patches())
 
 
+def test_bumps_are_highest_where_lines_are_strong() -> None:
+    triangle, uv = points()
+    patchy = fields(replace(SETTINGS, region="neck"))
+    lively, bumps = patchy.strength(triangle, uv), patchy.bumps(triangle, uv)
+    assert (np.diff(bumps[np.argsort(lively)]) > -1e-4).all()
+    more = fields(replace(SETTINGS, region="neck", patches=1.5)).bumps(triangle, uv)
+    assert more.min() < 0.8 * bumps.min()
+
+
 @pytest.mark.parametrize("region", ["face", "forehead", "neck"])
 def test_regions_say_how_patchy_they_are(region: str) -> None:
     triangle, uv = points()

@@ -27,8 +27,9 @@ class Event:
     longer: the most that it is longer than wide.  plateau: whether its profile is (1 - t⁴)², flat
     with a soft rim, in place of the dome (1 - t²)².  rim: b of the factor 1 - b t² of the profile;
     above 1 a pit has a wall around it.  response: share of the log stretch of its place that it
-    answers to.  fading: how far lines and pores over its middle fade, from 0 to 1.  groups: length
-    over which it comes in groups; 0 for no groups.  rates: events per cm² at 35 by region.  old:
+    answers to.  fading: how far lines and pores over its middle fade, from 0 to 1.  patched: power
+    of what patches make of its height.  groups: length over which it comes in groups; 0 for no
+    groups.  rates: events per cm² at 35 by region.  old:
     factor of the rates at 65; at other ages its power, as `wear` has it.
     """
 
@@ -39,6 +40,7 @@ class Event:
     rim: float = 0.0
     response: float = 0.5
     fading: float = 0.0
+    patched: float = 0.0
     groups: float = 0.0
     old: float = 1.0
     rates: Mapping[str, float] = field(default_factory=dict)
@@ -58,6 +60,7 @@ EVENTS: dict[str, Event] = {
     "bump": Event(
         radius=(0.35, 0.8),
         steepness=(0.08, 0.14),
+        patched=1.0,
         groups=9.0,
         rates={
             WHOLE_FACE: 1.2, "forehead": 0.9, "cheek": 1.4, "nose": 0.2, "lip": 0.0,
@@ -71,6 +74,7 @@ EVENTS: dict[str, Event] = {
         longer=1.5,
         response=0.35,
         fading=0.4,
+        patched=0.5,
         old=0.4,
         rates={
             WHOLE_FACE: 0.025, "forehead": 0.03, "cheek": 0.03, "nose": 0.01, "lip": 0.0,

@@ -66,7 +66,8 @@ class Region:
     any age.  crossed: of how far it has long level ones, too, whatever else folds it.  rings: how
     far it has long soft lines around the vertical axis.  creases: how far it has upright ones close
     together, as lips do.  uneven: how far lines between leaders differ by chance from those beside
-    them, and leaders stay as narrow with age.  old: what age makes of the others.
+    them, and leaders stay as narrow with age.  bumps: how far bumps are lower in quiet patches, and
+    higher in lively ones.  old: what age makes of the others.
     """
 
     density: float = 1.0
@@ -87,6 +88,7 @@ class Region:
     rings: float = 0.0
     creases: float = 0.0
     uneven: float = 0.0
+    bumps: float = 0.0
     old: Old = Old()
 
 
@@ -187,8 +189,11 @@ REGIONS: dict[str, Region] = {
         patchiness=4.2,
         leading=0.12,
         rings=1.0,
+        bumps=1.0,
         pore_strength=0.95,
-        old=Old(strength=2.1, pore_strength=1.4, anisotropy=1.1, contrast=1.0, grain=1.2),
+        old=Old(
+            strength=2.1, pore_strength=1.4, anisotropy=1.1, contrast=1.0, grain=1.2, young=1.4
+        ),
     ),
     # Around the lips, and the chin: short slants, soft and broad, between pores of medium size. The
     # mouth folds more than all else of the face, and shows little of it at rest.
@@ -245,6 +250,7 @@ _COARSE: dict[str, dict[str, Any]] = {
         "scale": 1.0,
         "leading": 1.2,
         "patchiness": 3.3,
+        "bumps": 0.0,
         "old": Old(strength=2.1, anisotropy=1.1, contrast=1.0, grain=1.2),
     },
     "mouth": {

@@ -228,6 +228,8 @@ class _Throw:
         points, kind, sizes, radius = darts.points.take(kept), kind[kept], sizes[kept], radius[kept]
         height = radius / self._millimetre * _between(kind, "steepness", sizes[:, 1])
         weight = height / (EVENT_DEPTHS * depth) * fields.event_strength(points.triangle, points.uv)
+        patched = _of_kinds(kind, [e.patched for e in KINDS])
+        weight *= fields.bumps(points.triangle, points.uv) ** patched
         weight = np.clip(weight, _LEAST_WEIGHT, 1.0)
         longer = 1.0 + (_of_kinds(kind, [e.longer for e in KINDS]) - 1.0) * sizes[:, 2] ** 2
         angle = _angles(surface, points, np.pi * sizes[:, 3])
