@@ -118,6 +118,7 @@ class GraphParts:
             **ends.arrays(),
             **shares,
         }
+        del depth, metric, radius
         beside = self._beside()
         if self.events is not None:
             arrays = self.events.added_to(arrays)

@@ -100,7 +100,7 @@ class Events:
 
     def added_to(self, arrays: Arrays) -> Arrays:
         """The arrays of a graph with the events after its nodes; none of these is a copy yet, but
-        for ends of wrinkles."""
+        for ends of wrinkles. They are replaced in their dictionary one by one."""
         own = {
             "node_uv": self.points.uv.astype(np.float32),
             "node_weight": self.weight,
@@ -110,11 +110,11 @@ class Events:
             "node_copy_of": np.full(len(self), ORIGINAL, np.int32),
             "node_kind": self.kind,
         }
-        pores = np.zeros(len(arrays["node_uv"]), np.int32)
-        found = {**arrays, "node_kind": pores}
-        return found | {
-            name: np.concatenate([found[name], own[name]]).astype(found[name].dtype) for name in own
-        }
+        arrays["node_kind"] = np.zeros(len(arrays["node_uv"]), np.int32)
+        for name, more in own.items():
+            kind = arrays[name].dtype
+            arrays[name] = np.concatenate([arrays[name], more.astype(kind, copy=False)])
+        return arrays
 
     def fading(
         self, surface: Surface, triangle: NDArray[np.integer], uv: NDArray[np.floating]

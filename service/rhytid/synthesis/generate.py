@@ -16,6 +16,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Controls
 from rhytid.domain.skin import COARSE
 from rhytid.errors import MeshError
+from rhytid.support.heap import give_back_heap
 from rhytid.synthesis.assembly import EdgeStrengths, GraphParts, graph_of
 from rhytid.synthesis.candidate_graph import CandidateGraph, Cut, Ground, priorities
 from rhytid.synthesis.capacity import check_drawn, check_radius, wrinkles_in_all
@@ -125,9 +126,11 @@ def synthesize(
         shaping, spacing = part(report, _GROWN, 1.0), skin.spacing
         parts = skin.drawn(ground, borders, cut, settings.start, shaping, events)
         del skin  # most of its memory is needed for the arrays of the graph
+        give_back_heap()
         arrays = parts.arrays(part(shaping, 0.1, 1.0))
         del parts
         graph = graph_of(arrays)
+        give_back_heap()
     if patches is not None and unit is not None and millimetres(unit) is None:
         graph = replace(graph, origin=GraphOrigin(unit, patch_size=patches.size))
     report(1.0, "shapes")
@@ -263,6 +266,7 @@ def _worn(
         ranks = Ranks.of(net, leaders, ground.fields, SPACING * radius, settings)
     rng = np.random.Generator(np.random.PCG64(settings.start))
     directions = Directions(SPACING * radius, rng, ground.fields)
+    give_back_heap()  # nothing takes more memory than walkers
     building = part(progress, 0.0, 0.07)
     primary = Primary.build(
         ground, radius, settings.neighbours, settings.start, directions, building
