@@ -149,10 +149,11 @@ def test_coarse_regions_are_these() -> None:
     assert all(even(region) == region for region in found.values())
     old = {n: r.old for n, r in REGIONS.items()}
     old["face"] = Old()
-    old["neck"] = replace(old["neck"], pore_strength=1.0)
+    old["neck"] = replace(old["neck"], pore_strength=1.0, young=1.0)
     old["mouth"] = replace(old["mouth"], strength=1.6, pore_strength=1.3, young=1.0)
     old["forehead"] = replace(old["forehead"], undulation=1.0)
     assert {n: r.old for n, r in found.items()} == old
+    assert not any(region.bumps for region in found.values())
     others = (found["lip"].bend, found["lip"].patchiness, found["neck"].bend)
     assert others == (0.6, 0.6, 0.5)
     patchiness = {n: found[n].patchiness for n in ("forehead", "nose", "eye_corner", "neck")}
