@@ -61,10 +61,6 @@ class Edges:
         """The edges of an index or a mask, in its order."""
         return Edges(self.nodes[index], self.length[index], self.middle[index])
 
-    def drawable(self, mask: BoolArray) -> Edges:
-        """The edges of a mask."""
-        return Edges(*masked(mask, self.nodes, self.length, self.middle))
-
 
 def candidates(
     work: Workspace,
@@ -101,7 +97,7 @@ def candidates(
         rows = rest[start : start + _ROWS]
         drawable[rows] = meets_at_seam(surface, across, pores, nodes[rows], length[rows])
         progress(0.95 + 0.05 * start / len(rest), "edges")
-    return Edges(nodes, length, middle).drawable(drawable), nearest
+    return Edges(*masked(drawable, nodes, length, middle)), nearest
 
 
 def _ways(

@@ -39,8 +39,6 @@ _FACTORS = ("density", "strength", "anisotropy", "scale", "pore_radius")
 _NO_CREASES, _CREASED = np.float32(0.35), np.float32(0.85)
 # The most that patches make of the height of bumps: higher ones would be pebbles.
 _HIGHEST = np.float32(1.4)
-# What regions have that is no factor, and mixed as it is.
-_PLAIN = ("turn", "crossed", "rings", "creases", "uneven", "bumps")
 
 
 def fields_of(
@@ -88,7 +86,7 @@ class PaintedFields(Fields):
         self._directions = (
             PaintedDirections(surface, maps["direction"]) if "direction" in maps else None
         )
-        self._regions = RegionMix(settings, self._maps, folds, _PLAIN)
+        self._regions = RegionMix(settings, self._maps, folds)
         used = self._regions.used
         self._some_folded = folds is not None and any(skin.folded != 1.0 for skin in used)
         self.some_leading = folds is not None or any(skin.creases > 0.0 for skin in used)
@@ -140,7 +138,7 @@ class PaintedFields(Fields):
 
     def _density(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of pores by area, without patches."""
-        density = self._region("density", triangle, uv)
+        density = self._regions.factor("density", triangle, uv)
         if "density" in self._maps:
             density *= density_of(self._maps["density"].at(triangle, uv))
         return density
@@ -181,13 +179,13 @@ class PaintedFields(Fields):
         region."""
         factor = self._linear("strength", triangle, uv, folded=False)
         factor *= self._shallowness(triangle, uv)
-        factor *= self._region("pore_strength", triangle, uv)
+        factor *= self._regions.factor("pore_strength", triangle, uv)
         factor = self._patched(factor, "beside_lines", triangle, uv)
         return self._patched(factor, "pores", triangle, uv)
 
     def contrast(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Power of the weight of wrinkles: of the regions, by age."""
-        return self._region("contrast", triangle, uv)
+        return self._regions.factor("contrast", triangle, uv)
 
     def primary(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the strength of primary lines: that of the folds."""
@@ -195,14 +193,15 @@ class PaintedFields(Fields):
             return super().primary(triangle, uv)
         factor = self._folds.factor("primary", triangle, uv)
         if self._some_folded:
-            factor **= self._region("folded", triangle, uv)
+            factor **= self._regions.factor("folded", triangle, uv)
         return factor
 
     def leading(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far skin has leaders: as the folds say, less in some regions."""
         if self._folds is None:
             return super().leading(triangle, uv)
-        return self._folds.factor("leading", triangle, uv) * self._region("leading", triangle, uv)
+        of_folds = self._folds.factor("leading", triangle, uv)
+        return of_folds * self._regions.factor("leading", triangle, uv)
 
     def crossing(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far skin has long level leaders whatever else folds it: as the folds say, in the
@@ -210,7 +209,7 @@ class PaintedFields(Fields):
         if self._folds is None:
             return super().crossing(triangle, uv)
         found = self._folds.factor("crossing", triangle, uv)
-        found *= self._region("crossed", triangle, uv)
+        found *= self._regions.factor("crossed", triangle, uv)
         return found
 
     def frown(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -224,12 +223,12 @@ class PaintedFields(Fields):
         whatever is painted elsewhere."""
         if self._folds is None:
             return super().rings(triangle, uv)
-        return self._region("rings", triangle, uv)
+        return self._regions.factor("rings", triangle, uv)
 
     def creases(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far skin has creases: of the regions, not beyond the middle of their border. They
         are there from birth, and need no folds."""
-        share = self._region("creases", triangle, uv)
+        share = self._regions.factor("creases", triangle, uv)
         share -= _NO_CREASES
         share /= _CREASED - _NO_CREASES
         np.clip(share, 0.0, 1.0, out=share)
@@ -244,13 +243,13 @@ class PaintedFields(Fields):
 
     def uneven(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far lines differ from those beside them: of the regions."""
-        return self._region("uneven", triangle, uv)
+        return self._regions.factor("uneven", triangle, uv)
 
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians to the left from the level direction. Painted directions, then folds, take the
         place of the preferred direction and of the turn of a region; patches sway about it, about
         folds less."""
-        found = np.radians(self._region("turn", triangle, uv))
+        found = np.radians(self._regions.factor("turn", triangle, uv))
         if self._folds is not None:
             found = self._folds.blended_with(found, triangle, uv)
         if self._patches is not None:
@@ -282,7 +281,7 @@ class PaintedFields(Fields):
 
     def bend(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of how far lines wind: less about folds and painted directions."""
-        factor = self._region("bend", triangle, uv)
+        factor = self._regions.factor("bend", triangle, uv)
         if self._folds is not None:
             certainty = self._folds.factor("certainty", triangle, uv)
             factor += np.minimum(np.float32(_FOLDED_BEND) - factor, np.float32(0.0)) * certainty
@@ -315,11 +314,11 @@ class PaintedFields(Fields):
 
     def grain(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the micro relief: of the regions, by age. No map changes it."""
-        return self._region("grain", triangle, uv)
+        return self._regions.factor("grain", triangle, uv)
 
     def undulation(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the broad swells: of the regions. No map changes it."""
-        return self._region("undulation", triangle, uv)
+        return self._regions.factor("undulation", triangle, uv)
 
     def of_regions(
         self, values: Mapping[str, float], triangle: NDArray[Any], uv: NDArray[Any]
@@ -346,7 +345,7 @@ class PaintedFields(Fields):
         the regions say, so that few stand out on quiet skin."""
         if self._patches is None:
             return super().bumps(triangle, uv)
-        amount = self._region("bumps", triangle, uv)
+        amount = self._regions.factor("bumps", triangle, uv)
         amount *= np.float32(self._settings.patches)
         found: Factors = np.minimum(self._patches.factor("bumps", amount, triangle, uv), _HIGHEST)
         return found
@@ -355,14 +354,14 @@ class PaintedFields(Fields):
         """How far skin varies from patch to patch: of the regions, times that of the settings."""
         if self._patches is None:
             return super().patchiness(triangle, uv)
-        found = self._region("patchiness", triangle, uv)
+        found = self._regions.factor("patchiness", triangle, uv)
         found *= np.float32(self._settings.patches)
         return found
 
     def _linear(
         self, name: str, triangle: NDArray[Any], uv: NDArray[Any], *, folded: bool = True
     ) -> Factors:
-        factor: Factors = self._region(name, triangle, uv) * np.float32(
+        factor: Factors = self._regions.factor(name, triangle, uv) * np.float32(
             getattr(self._settings, name)
         )
         painted = signed(self._maps[name].at(triangle, uv)) if name in self._maps else None
@@ -374,22 +373,18 @@ class PaintedFields(Fields):
             if name == "anisotropy" and self._directions is not None:
                 left = left * (1.0 - self._directions.certainty(triangle, uv))
             if name == "strength" and self._some_folded:
-                left = left * self._region("folded", triangle, uv)
+                left = left * self._regions.factor("folded", triangle, uv)
             factor *= folds**left
         return factor
 
     def _sized(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        factor: Factors = self._region(name, triangle, uv) * np.float32(
+        factor: Factors = self._regions.factor(name, triangle, uv) * np.float32(
             getattr(self._settings, name)
         )
         if name in self._maps:
             factor *= np.float32(4.0) ** signed(self._maps[name].at(triangle, uv))
         factor *= self.spacing(triangle, uv)
         return factor
-
-    def _region(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """A factor (or one of _PLAIN) of the regions."""
-        return self._regions.factor(name, triangle, uv)
 
     def _darkest(self) -> float:
         """The least of the density map."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,24 +15,22 @@ from rhytid.synthesis.fields import Factors
 from rhytid.synthesis.fold_field import FoldField, Planes
 from rhytid.synthesis.painting import PaintedMaps
 
+# What regions have that is no factor, and is mixed as it is.
+_PLAIN = ("turn", "crossed", "rings", "creases", "uneven", "bumps")
+
 
 class RegionMix:
     """Values of regions by painted masks, by those of folds, and elsewhere by the region of the
     settings.
 
-    maps: painted, of which masks of regions are used.  plain: what regions have that is no factor,
-    and mixed as it is.  painted: names of such maps.  masks: of folds, for regions that are not
-    painted.
+    maps: painted ones by name, of which masks of regions are used.  painted: the names of these
+    masks.  masks: regions that folds have masks of and that are not painted.
     """
 
     def __init__(
-        self,
-        settings: GraphSettings,
-        maps: Mapping[str, PaintedMaps],
-        folds: FoldField | None,
-        plain: Collection[str],
+        self, settings: GraphSettings, maps: Mapping[str, PaintedMaps], folds: FoldField | None
     ) -> None:
-        self._base, self._maps, self._folds, self._plain = settings.region, maps, folds, plain
+        self._base, self._maps, self._folds = settings.region, maps, folds
         known = regions(settings.anatomy).items()
         self._skin = {name: aged(region, settings.age) for name, region in known}
         self.painted = [name for name in REGION_MAPS if name in maps]
@@ -42,20 +40,20 @@ class RegionMix:
 
     @property
     def used(self) -> list[Region]:
-        """All that some skin may be, at its age."""
+        """The regions that some skin may be of, at its age."""
         return [self._skin[name] for name in self._names()]
 
     def factor(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """A factor (or what is plain) of the regions, mixed by their masks: factors by their
+        """A factor, or one of _PLAIN, of the regions, mixed by their masks: factors by their
         logarithms."""
         values = self._values_of(name)
         planes = self.planes_of(name)
         if not self.painted and not self.masks:
             # As an array, so that it is rounded as where a mask of black is painted.
             base = np.full(1, values[self._base], np.float32)
-            return np.repeat(np.asarray(self._meant(base, name)), len(triangle))
+            return np.repeat(np.asarray(_meant(base, name)), len(triangle))
         mixed = self._masked(values, planes, triangle, uv)
-        return np.asarray(self._meant(mixed, name), np.float32)
+        return np.asarray(_meant(mixed, name), np.float32)
 
     def mixed(
         self, values: Mapping[str, float], triangle: NDArray[Any], uv: NDArray[Any]
@@ -63,14 +61,14 @@ class RegionMix:
         """Values by the name of a region, mixed as factors are."""
         return self._masked(values, self._mixed(values), triangle, uv)
 
-    def _values_of(self, name: str) -> dict[str, float]:
-        return {region: self._value(self._skin[region], name) for region in self._names()}
-
     def planes_of(self, name: str) -> Planes | None:
         """`_mixed` of what `factor` has by this name."""
         if name not in self._planes:
             self._planes[name] = self._mixed(self._values_of(name))
         return self._planes[name]
+
+    def _values_of(self, name: str) -> dict[str, float]:
+        return {region: _value(self._skin[region], name) for region in self._names()}
 
     def _masked(
         self,
@@ -110,10 +108,12 @@ class RegionMix:
         painted = [name.removeprefix(REGION_PREFIX) for name in self.painted]
         return [self._base, *painted, *self.masks]
 
-    def _value(self, region: Region, name: str) -> float:
-        value = float(getattr(region, name))
-        return value if name in self._plain else float(np.log(value))
 
-    def _meant(self, value: Any, name: str) -> Any:
-        """The inverse of `_value`."""
-        return value if name in self._plain else np.exp(value)
+def _value(region: Region, name: str) -> float:
+    value = float(getattr(region, name))
+    return value if name in _PLAIN else float(np.log(value))
+
+
+def _meant(value: Any, name: str) -> Any:
+    """The inverse of `_value`."""
+    return value if name in _PLAIN else np.exp(value)
