@@ -150,7 +150,7 @@ def test_coarse_regions_are_these() -> None:
     old = {n: r.old for n, r in REGIONS.items()}
     old["face"] = Old()
     old["neck"] = replace(old["neck"], pore_strength=1.0, young=1.0)
-    old["mouth"] = replace(old["mouth"], strength=1.6, pore_strength=1.3, young=1.0)
+    old["mouth"] = replace(old["mouth"], strength=1.6, pore_strength=1.3, undulation=1.0, young=1.0)
     old["forehead"] = replace(old["forehead"], undulation=1.0)
     assert {n: r.old for n, r in found.items()} == old
     assert not any(region.bumps for region in found.values())

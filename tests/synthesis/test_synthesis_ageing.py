@@ -166,3 +166,35 @@ def test_age_reaches_only_the_region_that_is_painted() -> None:
     found = PaintedFields(SURFACE, GraphSettings(age=65.0), controls).contrast(triangle, uv)
     np.testing.assert_allclose(found[left], REGIONS["face"].old.contrast, rtol=2e-6)
     np.testing.assert_allclose(found[there], REGIONS["cheek"].old.contrast, rtol=2e-6)
+
+
+def weights(device: Device, age: float, region: str) -> tuple[np.ndarray, np.ndarray]:
+    """Of lines that leaders are made of, and of others, where skin folds."""
+    settings = replace(EVEN, age=age, region=region)
+    graph = synthesize(MESH, settings, device, folds=folds()).graph
+    assert graph.edge_share is not None
+    leads = graph.edge_share > 1.0
+    there = graph.node_uv[graph.edge_nodes, 0].min(axis=1) > 0.55
+    return graph.edge_weight[leads & there], graph.edge_weight[~leads & there]
+
+
+def test_small_leaders_come_up_to_large_ones(device: Device) -> None:
+    def low(age: float) -> float:
+        quarter, most = np.percentile(weights(device, age, "face")[0], [25, 90])
+        return float(quarter / most)
+
+    young, middle, old = low(35.0), low(50.0), low(65.0)
+    assert young * 1.15 < middle
+    assert middle * 1.1 < old
+
+
+def test_ages_of_the_mouth_differ(device: Device) -> None:
+    """Its leaders deepen from 35 to 50 and from 50 to 65, while other lines hardly do."""
+    ages = (35.0, 50.0, 65.0)
+    found = [weights(device, age, "mouth") for age in ages]
+    deep = [np.mean(found[n][0]) * depth_factor(age) for n, age in enumerate(ages)]
+    assert deep[1] > 1.4 * deep[0]
+    assert deep[2] > 1.3 * deep[1]
+    assert (found[1][0] > 0.999).mean() < 0.2
+    rank = [np.mean(lead) / np.mean(other) for lead, other in found]
+    assert rank[0] < 0.85 * rank[1] < 0.85 * 0.9 * rank[2]

@@ -211,7 +211,13 @@ REGIONS: dict[str, Region] = {
         leading=0.85,
         uneven=1.0,
         old=Old(
-            strength=3.0, pore_strength=1.2, anisotropy=1.3, contrast=1.2, grain=1.4, young=1.53
+            strength=3.0,
+            pore_strength=1.2,
+            anisotropy=1.3,
+            contrast=1.2,
+            grain=1.4,
+            undulation=0.75,
+            young=1.53,
         ),
     ),
 }

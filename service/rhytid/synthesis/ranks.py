@@ -18,7 +18,13 @@ from rhytid.synthesis.candidate_graph import CandidateGraph
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.hashes import Words, normals, place_keys
 from rhytid.synthesis.lattice import Around
-from rhytid.synthesis.leader_families import CREASES, FAMILIES, leading_any_way
+from rhytid.synthesis.leader_families import (
+    CREASES,
+    FAMILIES,
+    RINGS,
+    leading_any_way,
+    leading_of,
+)
 from rhytid.synthesis.leaders import LeaderPores
 from rhytid.synthesis.lines import NOTHING, Indices, Lines
 from rhytid.synthesis.progress import over_rows
@@ -40,8 +46,14 @@ _DEEPEST = 0.5
 # between them is less quiet, but weaker for its age; their width is that of 35. Where lines are
 # uneven, as around the mouth, leaders stay as narrow as at 35: broad ones would be dells there. So
 # does the pair of a frown, which is broad at 35, and is seen at rest from 50 on: it deepens more.
-_OLD, _OLD_PAIR, _YOUNG, _OLD_BROAD = 1.9, 3.5, 2.4, 1.8
-_OLD_OTHERS, _YOUNG_OTHERS = 0.55, 0.75
+_OLD, _OLD_PAIR, _YOUNG, _OLD_BROAD = 1.9, 3.5, 2.4, 1.45
+# What is uneven deepens most by its region, so that leaders there would be as deep as lines can be
+# from 50 on, and 65 would look like 50; and of others less is left at 65.
+_OLD_NARROW = 0.7
+_OLD_OTHERS, _OLD_UNEVEN, _YOUNG_OTHERS = 0.65, 0.3, 0.75
+# Powers of the size and of the profile of leaders at 65: small ones come up to the large ones, so
+# that more are seen, and they are deep for more of their length.
+_OLD_SIZE, _OLD_PROFILE = 0.5, 0.65
 _NARROW, _BROAD = 0.6, 1.25
 # How far other lines are fainter: beside a leader, and where skin folds one way; how far from a
 # leader, in pore spacings, the first ends.
@@ -119,25 +131,30 @@ class Ranks:
         edge, depth, size, profile, number = _edges_along(net, leaders)
         row = np.zeros(len(net.edges), np.int32)
         row[edge] = np.arange(1, len(edge) + 1)
-        # Those that expressions leave behind; lips have creases at any age.
-        aged = np.where(number == CREASES.number, 0.0, worn)
-        pair = np.isin(number, _PAIR)
-        old = np.where(pair, _OLD_PAIR, _OLD) if worn > 0.0 else _YOUNG
-        deepest = (_DEEPEST * old**aged).astype(np.float32)
-        middle = deepest * min(rank, 1.0) * depth / np.maximum(profile, _TINY)
-        middle = np.clip(middle, _TINY, 1.0)
-        broad = min(rank, 1.0) * (_NARROW + (_BROAD - _NARROW) * size)
-        near = _nearness(net, leaders, _REACH * spacing)
         leading = leading_any_way(fields, net.pores.triangle, net.pores.uv)
         uneven = np.minimum(rank, 1.0) * fields.uneven(net.pores.triangle, net.pores.uv) * leading
         uneven = np.minimum(uneven, 1.0).astype(np.float32)
-        aged *= 1.0 - uneven[net.edges.nodes[edge]].mean(axis=1)
+        even = 1.0 - uneven[net.edges.nodes[edge]].mean(axis=1)
+        # Those that expressions leave behind; lips have creases at any age.
+        aged = np.where(number == CREASES.number, 0.0, worn)
+        pair = np.isin(number, _PAIR)
+        old = np.where(pair, _OLD_PAIR, _OLD**even * _OLD_NARROW ** (1.0 - even))
+        deepest = _DEEPEST * (old if worn > 0.0 else _YOUNG) ** aged
+        at = net.edges.nodes[edge, 0]
+        leads = leading_of(number, fields, net.pores.triangle[at], net.pores.uv[at])
+        comes = np.where(pair | (number == RINGS.number), 0.0, aged)
+        middle, profile = _older(depth / np.maximum(profile, _TINY), profile, leads, comes)
+        middle = deepest.astype(np.float32) * min(rank, 1.0) * middle
+        middle = np.clip(middle, _TINY, 1.0)
+        broad = min(rank, 1.0) * (_NARROW + (_BROAD - _NARROW) * size)
+        near = _nearness(net, leaders, _REACH * spacing)
+        aged *= even
         aged[pair] = 0.0
         width = WIDE * broad * _OLD_BROAD ** np.maximum(aged, 0.0)
         quiet = (1.0 - _BESIDE * near) * (1.0 - _FOLDED * leading)
         creases = CREASES.leading(fields, net.pores.triangle, net.pores.uv)
         quiet *= 1.0 - _CRUMPLED * fields.crumpled(net.pores.triangle, net.pores.uv)
-        quiet *= (_OLD_OTHERS if worn > 0.0 else _YOUNG_OTHERS) ** (worn * leading)
+        quiet *= _of_others(worn, uneven) ** (worn * leading)
         of_pores = np.ones(len(net.pores), np.float32)
         of_pores[net.first] = _BEADS ** min(rank, 1.0)
         quiet = (quiet**rank).astype(np.float32)
@@ -215,6 +232,29 @@ class RankedLines:
     width: Singles
     factor: Singles
     calm: Singles
+
+
+def _older(
+    middle: NDArray[np.floating],
+    profile: NDArray[np.floating],
+    leading: NDArray[np.floating],
+    aged: NDArray[np.floating],
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """(L,) depths of leaders in their middle, and their profiles, as worn as `aged` (L,) says.
+    Where skin has leaders less, by `leading` (L,), they stay as much shallower."""
+    worn = np.clip(aged, 0.0, 1.0)
+    less = (1.0 - _OLD_SIZE) * worn
+    there = np.sqrt(np.clip(leading, _TINY, 1.0))
+    return middle ** (1.0 - less) * there**less, profile ** (1.0 - (1.0 - _OLD_PROFILE) * worn)
+
+
+def _of_others(worn: float, uneven: Singles) -> Singles | float:
+    """(N,) what of the weight of other lines is left at 65, or is there before 35, by how uneven
+    they are (N,)."""
+    if worn <= 0.0:
+        return _YOUNG_OTHERS
+    found: Singles = np.float32(_OLD_OTHERS) ** (1.0 - uneven) * np.float32(_OLD_UNEVEN) ** uneven
+    return found
 
 
 def calm_of(leading: Singles, rank: float) -> Singles:
