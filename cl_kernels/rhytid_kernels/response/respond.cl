@@ -6,14 +6,11 @@
 
 POWER_OF_TWO(power16, float16, int16)
 
-// Of a lane of a group: where its element runs, and what it samples; both on the surface.
+// Of a lane of a group: where its element runs, and what it samples.
 #define SEGMENT(lane) segments[AT(lane)]
 #define AXES(lane) axes[triangle[AT(lane)]]
 #define LOGS(lane) logs[triangle[AT(lane)]]
 #define STIFFNESS(lane) stiffness[AT(lane)]
-#define ON_SURFACE(lane) angles_in(triangle[AT(lane)], SEGMENT(lane).zw, axes, jacobians)
-#define THETA_ON_SURFACE(lane) ON_SURFACE(lane).theta
-#define AXES_ON_SURFACE(lane) ON_SURFACE(lane).axes
 
 // Stores (sigma_w, sigma_d) of a group. Forced into its caller: PoCL calls it else, and finds the log of the
 // limit anew for each group.
@@ -44,8 +41,16 @@ __kernel void respond_wrinkles(__global const int *groups, __global const float4
     pairs_t theta = {segment.z, segment.w}, of = PAIRS(LOGS);
     quads_t axis = QUADS(AXES);
     if (jacobians) {
-        theta = PAIRS(THETA_ON_SURFACE);
-        axis = QUADS(AXES_ON_SURFACE);
+        float2 thetas[LANES];
+        float4 both_axes[LANES];
+        for (int lane = 0; lane < LANES; lane++) { // written out it is half of what a compiler does here
+            const angles_t a = angles_in(triangle[AT(lane)], SEGMENT(lane).zw, axes, jacobians);
+            thetas[lane] = a.theta;
+            both_axes[lane] = a.axes;
+        }
+        const float *t = (const float *)thetas, *s = (const float *)both_axes;
+        theta = pairs_of(vload16(0, t), vload16(1, t));
+        axis = quads_of(vload16(0, s), vload16(1, s), vload16(2, s), vload16(3, s));
     }
     if (stiffness) {
         stiffness += first;
