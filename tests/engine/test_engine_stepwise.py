@@ -22,6 +22,7 @@ from rhytid.engine.device_assets.bins import DeviceBins
 from rhytid.engine.device_assets.drawing import DeviceNeutral
 from rhytid.engine.device_assets.mesh import DeferredWork
 from rhytid.engine.engine import Engine
+from rhytid.engine.job import Job
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import CancelledError
 from rhytid.pipeline.bin_maker import BinMaker
@@ -127,6 +128,26 @@ def test_maps_that_are_there_are_not_made_again(
         engine.assets._builder.prepare_bins(engine.assets._assets.get(asset))
         rest(engine)
         assert made == []
+
+
+def test_the_first_maps_are_said_to_wait_for_kernels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+    progress = Job.progress
+
+    def tell(job: Job, share: float, stage: str, detail: str = "") -> None:
+        told.append(detail)
+        progress(job, share, stage, detail)
+
+    monkeypatch.setattr(Job, "progress", tell)
+    with running(tmp_path) as engine:
+        built(engine, new_asset())
+        first = [one for one in told if one.startswith("tile")]
+        told.clear()
+        built(engine, new_asset(seed=2))
+    assert first[:2] == ["tile 1 of 16, compiling kernels", "tile 2 of 16"]
+    assert "tile 1 of 16" in told
 
 
 @pytest.mark.parametrize(

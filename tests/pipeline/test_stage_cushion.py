@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from meshes import deform
-from pipeline.binned import BinnedScene
+from pipeline.binned import TILE, BinnedScene
 from pipeline.scenes import DEPTH, Scene, random_graph, reference_stretch, settings_of, sheet
 from pipeline.test_stage_bends import bent, shared
 from reference import bends, drawing, locate, redraw
@@ -232,13 +232,16 @@ OF_MAPS: dict[str, Any] = {
 CODES = 32767
 
 
-class MapScene(BinnedScene):
-    """The maps of the layer around a tile, and those of the reference."""
+class MapScene(Scene):
+    """The maps of the layer around a tile, without those of bins, and those of the reference."""
+
+    udim = 1001
 
     def __init__(self, device, graph, **changes):
         settings = settings_of(**{**OF_MAPS, **changes})
         super().__init__(device, sheet(), graph, settings)
-        self.cushion, self.maps = self.reference_cushion(), self.tile.cushion
+        self.cushion = self.reference_cushion()
+        self.maps = CushionMaker(device, self.elements(), settings).tile((64, 128, TILE))
         response = settings.response
         self.samples = reference.samples(response.log_stretch_limit, response.alpha_d)
         factor = settings.resolution // self.cushion.texels

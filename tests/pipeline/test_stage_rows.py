@@ -123,7 +123,7 @@ def test_a_kernel_that_needs_more_is_refused_with_both_numbers(device):
         tiny.programs.kernel("redraw", "redraw", {"BLOCK": BLOCK, "ROWS": BLOCK, "ITEMS": 1})
 
 
-@pytest.mark.parametrize("program", ["redraw", "bins"])
+@pytest.mark.parametrize("program", ["redraw", "bins", "pore_layer"])
 @pytest.mark.parametrize("lanes", [1, 32])
 def test_half_blocks_fit_into_what_is_promised(small, program, lanes):
     defines = {"BLOCK": BLOCK, "ROWS": small.shape.rows, "ITEMS": lanes, **ONE_MAP}

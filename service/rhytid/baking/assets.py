@@ -160,5 +160,11 @@ def _wait(job: Job, what: str) -> Job:
     """Show the progress of a job until it has ended, and return it."""
     with share_bar(what) as show:
         while not job.wait(_SHOWN_SECONDS):
-            show(job.info.progress, job.info.stage)
+            show(job.info.progress, _shown_stage(job.info))
     return job
+
+
+def _shown_stage(info: JobInfo) -> str:
+    """The stage of a job; before it has come anywhere with what takes so long."""
+    waiting = info.detail if info.progress == 0.0 else ""
+    return f"{info.stage} ({waiting})" if waiting else info.stage

@@ -61,6 +61,10 @@ class Programs:
         thread; raises what `kernel` does, and FileNotFoundError where there is no such program."""
         self._program(program, tuple(sorted(defines.items())))
 
+    def has(self, program: str) -> bool:
+        """Whether a program is built, with whatever defines."""
+        return any(name == program for name, _ in list(self._programs))
+
     def begin_noting(self) -> None:
         """Forget what `noted` has."""
         self._noted = {}

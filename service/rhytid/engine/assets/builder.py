@@ -153,9 +153,10 @@ class AssetBuilder:
         settings = asset.settings
         addresses = [a for udim in asset.udims for a in settings.grid.addresses(udim, 0)]
         for done, address in enumerate(addresses):
-            job.progress(
-                done / len(addresses), "making bins", f"tile {done + 1} of {len(addresses)}"
-            )
+            # Those of the blend are the last that the first tile needs.
+            compiling = "" if self._device.programs.has("blend") else ", compiling kernels"
+            told = f"tile {done + 1} of {len(addresses)}{compiling}"
+            job.progress(done / len(addresses), "making bins", told)
             job.give_way()
             if asset.settings != settings:
                 return
