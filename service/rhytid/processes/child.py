@@ -40,6 +40,7 @@ from rhytid.processes.wire import (
 )
 from rhytid.storage.lock import known_by
 from rhytid.storage.snapshots import Snapshot
+from rhytid.support.heap import give_back_heap
 from rhytid.support.logs import log_to_stderr
 
 # Seconds between two times that free memory is given back, which takes milliseconds.
@@ -220,13 +221,6 @@ def _keep_giving_back(end: threading.Event) -> None:
 
     def work() -> None:
         while not end.wait(_PAUSE):
-            give_back_memory()
+            give_back_heap()
 
     threading.Thread(target=work, name="rhytid-memory", daemon=True).start()
-
-
-def give_back_memory() -> None:
-    """Give what is free in heaps back to the system; other C libraries than glibc do by
-    themselves."""
-    with suppress(AttributeError, OSError, TypeError):
-        ctypes.CDLL(None).malloc_trim(ctypes.c_size_t(0))

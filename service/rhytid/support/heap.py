@@ -9,9 +9,10 @@ import sys
 def give_back_heap() -> None:
     """Give the system what malloc keeps of freed memory.
 
-    glibc keeps blocks of up to 32 MB, half a gigabyte of them after a long synthesis, which larger
-    blocks cannot use. Their next use touches fresh memory again, so this is for the end of a step,
-    before one that needs much. Elsewhere than on glibc nothing happens.
+    By itself glibc gives back the end of a heap alone. It keeps blocks of up to 32 MB, half a
+    gigabyte of them after a long synthesis, which larger blocks cannot use. To use them again
+    touches fresh memory, so this is for the end of a step, before one that needs much, or for every
+    so often. Elsewhere than on glibc nothing happens.
     """
     if sys.platform == "linux":
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
