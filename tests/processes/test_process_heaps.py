@@ -29,24 +29,6 @@ lines = [line.split() for line in open("/proc/self/maps")]
 starts = [int(line[0].partition("-")[0], 16) for line in lines if len(line) == 5]
 print(sum(start % (64 << 20) == 0 for start in starts))
 """
-# Prints by how many MiB it shrinks: every second block of 64 KiB was freed.
-SHRINKS = """
-import ctypes, os, sys
-from rhytid.processes.child import give_back_memory
-library = ctypes.CDLL(None)
-library.malloc.restype = library.memset.restype = ctypes.c_void_p
-library.free.argtypes = library.memset.argtypes = None
-blocks = [ctypes.c_void_p(library.malloc(1 << 16)) for _ in range(1024)]
-for block in blocks:
-    library.memset(block, 1, 1 << 16)
-for block in blocks[::2]:
-    library.free(block)
-def resident():
-    return int(open("/proc/self/statm").read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-before = resident()
-give_back_memory()
-print((before - resident()) >> 20)
-"""
 
 
 def printed(program: str, env: dict[str, str] | None = None) -> int:
@@ -62,7 +44,3 @@ def test_threads_share_few_heaps(monkeypatch: pytest.MonkeyPatch) -> None:
     interpreter._spawned(0)
     monkeypatch.undo()
     assert printed(HEAPS, given["env"]) <= 1
-
-
-def test_gaps_go_back_to_the_system() -> None:
-    assert printed(SHRINKS) >= 16
