@@ -7,12 +7,16 @@ import json
 import re
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import pytest
 
+from rhytid.baking import assets
 from rhytid.domain.wording import plural, waiting_requests
+from rhytid.engine.messages import JobInfo
 from rhytid.support import console
 from rhytid.support.console import (
     Stopwatch,
@@ -199,6 +203,25 @@ def test_a_step_that_fails_is_not_counted() -> None:
         raise KeyError
 
     assert watch.figures() == {}
+
+
+def test_what_a_job_waits_for_is_shown_until_it_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    bar = nullcontext(lambda share, stage: told.append(stage))
+    monkeypatch.setattr(assets, "share_bar", lambda what: bar)
+    ways = [("tile 1 of 2, compiling kernels", 0.0), ("tile 2 of 2", 0.5)]
+    infos = [JobInfo("j", "a", "bins", "done", at, "making bins", way) for way, at in ways]
+    job = SimpleNamespace(info=infos[0], reason="")
+
+    def wait(seconds: float) -> bool:
+        job.info = infos[min(len(told), 1)]
+        return len(told) == 2
+
+    job.wait = wait
+    engine: Any = SimpleNamespace(jobs=SimpleNamespace(get=lambda name: job))
+    assets.finish(engine, infos[0], "bins")
+
+    assert told == ["making bins (tile 1 of 2, compiling kernels)", "making bins"]
 
 
 def test_a_build_is_divided_at_its_stages() -> None:
