@@ -143,9 +143,9 @@ class Ranks:
         at = net.edges.nodes[edge, 0]
         leads = leading_of(number, fields, net.pores.triangle[at], net.pores.uv[at])
         comes = np.where(pair | (number == RINGS.number), 0.0, aged)
-        middle, profile = _older(depth / np.maximum(profile, _TINY), profile, leads, comes)
-        middle = deepest.astype(np.float32) * min(rank, 1.0) * middle
-        middle = np.clip(middle, _TINY, 1.0)
+        middle = deepest.astype(np.float32) * min(rank, 1.0) * depth / np.maximum(profile, _TINY)
+        risen, profile = _older(depth / np.maximum(profile, _TINY), profile, leads, comes)
+        middle = np.clip(middle * risen, _TINY, 1.0)
         broad = min(rank, 1.0) * (_NARROW + (_BROAD - _NARROW) * size)
         near = _nearness(net, leaders, _REACH * spacing)
         aged *= even
@@ -240,12 +240,14 @@ def _older(
     leading: NDArray[np.floating],
     aged: NDArray[np.floating],
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """(L,) depths of leaders in their middle, and their profiles, as worn as `aged` (L,) says.
+    """(L,) factors of the depths of leaders in their middle, and their profiles, as worn as `aged`
+    (L,) says, exactly 1 and as they are where that is not above 0.
     Where skin has leaders less, by `leading` (L,), they stay as much shallower."""
     worn = np.clip(aged, 0.0, 1.0)
     less = (1.0 - _OLD_SIZE) * worn
     there = np.sqrt(np.clip(leading, _TINY, 1.0))
-    return middle ** (1.0 - less) * there**less, profile ** (1.0 - (1.0 - _OLD_PROFILE) * worn)
+    risen = (there / np.maximum(middle, _TINY)) ** less
+    return risen, profile ** (1.0 - (1.0 - _OLD_PROFILE) * worn)
 
 
 def _of_others(worn: float, uneven: Singles) -> Singles | float:
