@@ -18,6 +18,7 @@ from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.generate import Synthesis, synthesize
 from rhytid.synthesis.painted_fields import PaintedFields, fields_of
+from rhytid.synthesis.ranks import _older
 from rhytid.synthesis.surface import Surface
 from synthesis import sheets
 from synthesis.painted import painted, right
@@ -198,3 +199,14 @@ def test_ages_of_the_mouth_differ(device: Device) -> None:
     assert (found[1][0] > 0.999).mean() < 0.2
     rank = [np.mean(lead) / np.mean(other) for lead, other in found]
     assert rank[0] < 0.85 * rank[1] < 0.85 * 0.9 * rank[2]
+
+
+def test_leaders_are_no_older_up_to_35() -> None:
+    """Not by a bit: weights of young skin stay what they were."""
+    share = np.linspace(0.0, 1.0, 97, dtype=np.float32)
+    profile, leading = share[::-1].copy(), np.sqrt(share)
+    for worn in (0.0, -0.5):
+        deeper, found = _older(share, profile, leading, np.full(97, worn))
+        np.testing.assert_array_equal(deeper, np.ones(97))
+        np.testing.assert_array_equal(found, profile)
+    assert (_older(share, profile, leading, np.ones(97))[0] > 1.2).any()

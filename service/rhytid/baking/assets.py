@@ -165,6 +165,6 @@ def _wait(job: Job, what: str) -> Job:
 
 
 def _shown_stage(info: JobInfo) -> str:
-    """The stage of a job; before it has come anywhere with what takes so long."""
+    """The stage of a job, and what it waits for while nothing of it is done."""
     waiting = info.detail if info.progress == 0.0 else ""
     return f"{info.stage} ({waiting})" if waiting else info.stage
