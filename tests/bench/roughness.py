@@ -2,11 +2,11 @@
 
     python tests/bench/roughness.py FACE.npz [--ages 20 35 65] [--wrinkles 600000] [--device D]
 
-FACE.npz holds expressions of ARKit's names as `shapes`. Patches are those of
-`rhytid synthesize --preview`, 8 mm wide, drawn at 8192² without undulation. Sa is the mean distance
-from a plane; Rz the mean, over stretches of 1.6 mm, of the height from trough to peak, along level
-profiles and along upright ones. All in micrometres. At last, where 35 is one of the ages, the share
-of lines of each age that join the same two pores as at 35.
+FACE.npz holds expressions of ARKit's names as `shapes`. Patches lie as those of
+`rhytid synthesize --preview` do, are 8 mm wide, and are drawn at 8192² without undulation. Sa is
+the mean distance from a plane; Rz the mean, over stretches of 1.6 mm, of the height from trough to
+peak, along level profiles and along upright ones. All in micrometres. At last, where 35 is one of
+the ages, the share of lines of each age that join the same two pores as at 35.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.baking.input_files import mesh_file, shape_files
-from rhytid.cli.preview import SIDE_MM, drawn_under, resident, skin_views
+from rhytid.cli.preview import drawn_under, resident, skin_views
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import millimetres
@@ -30,7 +30,7 @@ from rhytid.support.settings import ServiceSettings
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.workspace import directly
 
-UNIT, RESOLUTION, STRETCH_MM = "cm", 8192, 1.6
+UNIT, RESOLUTION, SIDE_MM, STRETCH_MM = "cm", 8192, 8.0, 1.6
 UNCHANGED = 35.0
 Heights = NDArray[np.float64]
 

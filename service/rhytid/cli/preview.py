@@ -44,8 +44,8 @@ from rhytid.synthesis.progress import Progress, part
 
 PATCH_MM = 20.0
 MOST_UDIMS = 4
-# Of a patch in the picture of regions, and its pixels per side.
-SIDE_MM, _PIXELS = 8.0, 400
+# Of a patch in the picture of regions, wide enough for leaders to lie in it; its pixels per side.
+SIDE_MM, _PIXELS = 14.0, 480
 # Texels between two pores, at least, as far as maps go.
 _DENSITY = 16.0
 # What patches of ages are of.
