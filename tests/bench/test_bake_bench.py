@@ -17,7 +17,10 @@ from rhytid_lab.bench.bake import BakeCost, Spent, four_udims
 
 
 def test_a_bench_measures_every_part(
-    tmp_path: Path, small_mesh: SmallMesh, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    small_mesh: SmallMesh,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(bake, "WRITTEN", {1: (("half",), ("float", "ply")), 4: (("half",),)})
     monkeypatch.setattr(bake, "METHODS", ("redraw",))
@@ -28,6 +31,7 @@ def test_a_bench_measures_every_part(
     given = ["bench", "--bake", "--mesh", str(mesh), "--size", "256", "--wrinkles", "400"]
 
     assert main([*given, "--json", str(figures)]) == 0
+    assert "is replaced" not in capsys.readouterr().err
 
     found = json.loads(figures.read_text())
     assert found["frames"] == 5

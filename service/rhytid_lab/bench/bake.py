@@ -115,16 +115,20 @@ class BakeBench:
         formats = [name for name in written if name not in PROFILES]
         geometry = Geometry(self._mesh, formats[0], _SUBDIVIDED) if formats else None
         query = MapQuery(method)
-        with temporary_folder("rhytid-bench-") as folder:
+        with (
+            temporary_folder("rhytid-bench-") as folder,
+            temporary_folder("rhytid-bench-") as baked,
+        ):
             output = Output(folder, "face", tuple(PROFILES[name] for name in profiles))
             maker = _Maker(self._engine, self.asset, self._sources, query, output, geometry)
             places = self._frames.places
             kernels = _middle([maker.kernels(place, self._frames) for place in places])
             apart = [maker.drawn_and_written(place, self._frames) for place in places]
             drawn, files = (_middle(each) for each in zip(*apart, strict=True))
+            # A bake looks for files that are there: none of those that were just written.
             baker = Baker(
-                self._engine, self.asset, self._mesh, query, self._frames, output, Stopwatch(),
-                self._warnings, geometry,
+                self._engine, self.asset, self._mesh, query, self._frames,
+                replace(output, folder=baked), Stopwatch(), self._warnings, geometry,
             )  # fmt: skip
             udims = len(self.asset.udims)
             return BakeCost(method, " ".join(written), udims, kernels, drawn, files, _bake(baker))
