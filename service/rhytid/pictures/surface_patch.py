@@ -20,6 +20,8 @@ from rhytid.pictures.relief import flat_light, lit, spline_samples, spline_slope
 _DEPTH = 1.0
 # The largest exposure where the form of the mesh shows: parts that face the light must not clip.
 _FORM_EXPOSURE = 1.2
+# Share of the light that comes from the upper right where the form shows.
+_FILL = 0.25
 # Of a whole mesh: its picture over its largest side, light in degrees, what is drawn for a pixel
 # and along a side, and the squares along a side that are drawn one by one.
 _MARGIN, _WHOLE_LIGHT, _SUPERSAMPLING, _SQUARES = 1.04, 45.0, 2, 4
@@ -98,13 +100,19 @@ class SurfacePatch:
         """(P, P, 3) the relief under light from the upper left, white beside the mesh.
 
         elevation: of the light over the tangent plane, degrees.  form: bend the normals of the mesh
-        itself, not those of a flat sheet.
+        itself, not those of a flat sheet; weaker light from the upper right keeps the side that is
+        turned away from being black.
         """
         normals = self.form.copy() if form else np.tile((0.0, 0.0, 1.0), (*self.uv.shape[:2], 1))
         normals[..., :2] -= self.gradient(displacement)
         normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-30)
         light, exposure = flat_light(elevation)
-        colour = lit(normals, light, min(exposure, _FORM_EXPOSURE) if form else exposure)
+        if form:
+            exposure, filling = min(exposure, _FORM_EXPOSURE), (-light[0], *light[1:])
+            colour = (1.0 - _FILL) * lit(normals, light, exposure)
+            colour += _FILL * lit(normals, filling, exposure)
+        else:
+            colour = lit(normals, light, exposure)
         return to_picture(np.where(self.seen.covered[..., None], colour, BACKGROUND))
 
     def _texels(self, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
