@@ -151,6 +151,33 @@ def test_a_painted_region_is_a_place(
     assert "--place cheek: the expressions show no such region" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("source", ["graph", "scan"])
+def test_a_painted_region_is_a_place_of_skin_that_is_not_grown(
+    source: str, sheet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A mask has no say there but in --place; beside it and other options it stays refused."""
+    file, mask = tmp_path / f"{source}.1001.exr", np.zeros((64, 64), np.uint8)
+    if source == "graph":
+        file = tmp_path / "g.safetensors"
+        assert main(["synthesize", str(sheet), "--out", str(file), "--wrinkles", "300"]) == 0
+    else:
+        OpenEXR.File({}, {"Y": np.eye(64, dtype=np.float32)}).write(str(file))
+    mask[20:44, 40:56] = 255
+    Image.fromarray(mask).save(tmp_path / "lip.1001.png")
+    sizes = ["--resolution", "256", "--size", "2"]
+    given = [str(sheet), f"--{source}", str(file), *sizes]
+    masked = [*given, "--region-mask", f"lip={tmp_path / 'lip.1001.png'}"]
+    capsys.readouterr()
+    (place,) = measured(capsys, *masked, "--place", "lip")["patches"]
+    at = [str(value) for value in place["origin"]]
+    (patch,) = measured(capsys, *given, "--patch", *at)["patches"]
+    assert (place["patch"], place["triangle"]) == ("lip", patch["triangle"])
+    assert place["rest"]["areal"]["sa"] == pytest.approx(patch["rest"]["areal"]["sa"], rel=0.01)
+    assert "--region-mask" in usage_error(capsys, "measure", *masked)
+    other = ["--place", "lip", "--region", "lip"]
+    assert "--region says" in usage_error(capsys, "measure", *masked, *other)
+
+
 def test_what_does_not_fit_is_told_beside_the_figures_of_others(
     sheet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

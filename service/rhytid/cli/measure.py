@@ -47,8 +47,8 @@ SUMMARY = SUMMARIES["measure"]
 DETAILS = """
 Of a square on the surface: Sa, Sq, Ssk, Sku, Sz, Sdq and Sdr as ISO 25178 has them, Ra and Rz of
 profiles along and across, slopes, and how far heights are alike by direction. Skin is grown as bake
-grows it, taken from --graph, or is displacement of --scan. What lies outside of a published band
-is said below the table."""
+grows it, taken from --graph, or is displacement of --scan; beside these two, --region-mask says
+where a --place is. What lies outside of a published band is said below the table."""
 
 
 def add_command(commands: Commands) -> None:
@@ -139,7 +139,9 @@ def run(arguments: argparse.Namespace) -> None:
 def _refuse_conflicts(arguments: argparse.Namespace) -> None:
     error = arguments.usage_error
     refuse_without_scan(arguments)
-    refuse_without_effect(arguments)
+    # Where places are asked for, masks say where these are, whatever the skin is.
+    masks = [] if arguments.place else arguments.region_mask
+    refuse_without_effect(argparse.Namespace(**{**vars(arguments), "region_mask": masks}))
     moves = arguments.strain, arguments.frames or arguments.frame
     if all(one is not None for one in moves):
         error("--strain and --frames both say how the mesh is moved: use one")

@@ -209,6 +209,8 @@ def _grown(
 ) -> Iterator[Source]:
     """The displacement of the skin that the arguments ask for, in a store that is removed."""
     request = skin_request(arguments)
+    if arguments.graph is not None:  # masks are of places alone: nothing is grown
+        request = replace(request, maps={})
     settings = AssetSettings.parse(
         request.settings if arguments.graph else {"unit": unit, **request.settings}
     )
