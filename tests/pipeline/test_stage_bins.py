@@ -14,7 +14,12 @@ from pipeline.scenes import DEPTH, random_graph, settings_of, sheet
 from reference import bins as reference
 from rhytid.device.launches import PIECE_SECONDS, DrawingPace
 from rhytid.pipeline.bin_maker import BinMaker
-from rhytid.pipeline.bins import directions, quantisation_steps, sample_stretches
+from rhytid.pipeline.bins import (
+    ShareRange,
+    directions,
+    quantisation_steps,
+    sample_stretches,
+)
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.work import timed
 
@@ -160,4 +165,21 @@ def test_tiles_of_one_launch_are_those_of_many(device, count):
     alone = [device.read(blend.tile(tile, held), (64, 64), np.float32) for tile in tiles]
     found = [device.read(out, (64, 64), np.float32) for out in blend.tiles(tiles, held)]
     assert np.abs(alone).max() > 0
+    np.testing.assert_array_equal(found, alone)
+
+
+def test_tiles_of_one_launch_have_their_own_broad_layer(device):
+    """Of the seventeen the last begins another launch."""
+    scene = BinnedScene(device, sheet(), random_graph(6, 300), settings_of(shape={"cushion": 0.7}))
+    elements, settings = scene.elements(1001), scene.settings
+    maker = BinMaker(device, elements, scene.located, settings)
+    tiles = [maker.tile(64 * (i // 4), 64 * (i % 4), 64) for i in [*range(16), 5]]
+    blend = Blend(device, settings, len(sheet().faces), ShareRange.of(scene.graph))
+    stretch = scene.stretch(deform(sheet().positions, 2, 0.15))
+    held, lines = blend.coefficients(stretch), scene.lines(stretch)
+    alone = [device.read(blend.tile(t, held, lines=lines), (64, 64), np.float32) for t in tiles]
+    found = [
+        device.read(out, (64, 64), np.float32) for out in blend.tiles(tiles, held, None, lines)
+    ]
+    assert len({one.tobytes() for one in alone}) == 16
     np.testing.assert_array_equal(found, alone)

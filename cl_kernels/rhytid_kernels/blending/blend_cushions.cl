@@ -61,7 +61,7 @@ inline void blend_samples(__global const int *owners, __global const CODE *codes
     vstore16(SCALE(power16, r, -exponent, SCALE_LIMIT) * sum, i, out);
 }
 
-// Up to four tiles of as many samples at once: work-item (vector, tile).
+// Up to sixteen tiles of as many samples at once: work-item (vector, tile).
 #define TILE(k)                                                                                    \
     __global const int *owners##k, __global const CODE *codes##k, __global float *out##k
 #define BLEND(k)                                                                                   \
@@ -71,7 +71,8 @@ inline void blend_samples(__global const int *owners, __global const CODE *codes
 
 // With the hint as in blend.cl.
 __kernel __attribute__((vec_type_hint(float16))) void
-blend_cushions(TILE(0), TILE(1), TILE(2), TILE(3), __global const float2 *stretches,
+blend_cushions(TILE(0), TILE(1), TILE(2), TILE(3), TILE(4), TILE(5), TILE(6), TILE(7), TILE(8), TILE(9),
+               TILE(10), TILE(11), TILE(12), TILE(13), TILE(14), TILE(15), __global const float2 *stretches,
                __global const float *steps, float last, float exponent)
 {
     switch (get_global_id(1)) {
@@ -79,5 +80,17 @@ blend_cushions(TILE(0), TILE(1), TILE(2), TILE(3), __global const float2 *stretc
         BLEND(1)
         BLEND(2)
         BLEND(3)
+        BLEND(4)
+        BLEND(5)
+        BLEND(6)
+        BLEND(7)
+        BLEND(8)
+        BLEND(9)
+        BLEND(10)
+        BLEND(11)
+        BLEND(12)
+        BLEND(13)
+        BLEND(14)
+        BLEND(15)
     }
 }

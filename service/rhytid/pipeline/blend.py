@@ -43,8 +43,9 @@ from rhytid.pipeline.work import Place
 
 # How merge.clh calls a merge. `signed` is `mellow` of one signed map in place of two.
 MERGES = {"min": "MIN", "soft": "SOFT", "signed": "MELLOW", "mellow": "MELLOW"}
-# That blend.cl takes.
-TILES_A_LAUNCH = 4
+# That blend.cl takes, and blend_cushions.cl: its tiles are so short that one core would wait for
+# the other at the end of each four.
+TILES_A_LAUNCH, RAISED_A_LAUNCH = 4, 16
 
 
 def unit_of(settings: AssetSettings) -> float:
@@ -184,44 +185,50 @@ class Blend:
         grains: Sequence[Buffer] | None = None,
         lines: Buffer | None = None,
     ) -> list[Buffer]:
-        """float32 displacement of tiles with equally many texels, TILES_A_LAUNCH a launch.
+        """float32 displacement of tiles with equally many texels.
 
         lines: `ends` of LineStretches, where the tiles have a broad layer.
         """
         made = [self._device.empty(maps.texels, np.float32) for maps in tiles]
-        for first in range(0, len(tiles), TILES_A_LAUNCH):
-            some = slice(first, first + TILES_A_LAUNCH)
-            own = None if grains is None else grains[some]
-            self._launch_blend(tiles[some], made[some], coefficients, own, lines)
+        for first in range(0, len(tiles), RAISED_A_LAUNCH):
+            some = slice(first, first + RAISED_A_LAUNCH)
+            codes = grains[some] if grains else [None] * len(made[some])
+            with self._raised(tiles[some], lines) as raised:
+                parts = list(zip(tiles[some], raised.coarse, codes, made[some], strict=True))
+                for at in range(0, len(parts), TILES_A_LAUNCH):
+                    these = parts[at : at + TILES_A_LAUNCH]
+                    self._launch_blend(these, coefficients, raised.defines)
         return made
 
     def _launch_blend(
         self,
-        tiles: Sequence[BinTile],
-        made: Sequence[Buffer],
+        parts: Sequence[tuple[BinTile, Buffer | None, Buffer | None, Buffer]],
         coefficients: Coefficients,
-        grains: Sequence[Buffer] | None,
-        lines: Buffer | None,
+        raised: Mapping[str, object],
     ) -> None:
-        vectors = tiles[0].texels // VECTOR
-        with self._raised(tiles, lines) as raised:
-            of_each = [
-                (maps.triangles.firsts, maps.triangles.members, maps.codes,
-                 coarse, grains[i] if grains else None, made[i])
-                for i, (maps, coarse) in enumerate(zip(tiles, raised.coarse, strict=True))
-            ]  # fmt: skip
-            of_each += [of_each[0]] * (TILES_A_LAUNCH - len(tiles))  # which no work-item looks at
-            self._device.launch(
-                "blend", "blend", (vectors, len(tiles)),
-                *chain.from_iterable(of_each), coefficients.own,
-                coefficients.gains if grains else None, self._unit, tiles[0].place[0],
-                np.float32(grain_amplitude(self._settings)), np.float32(self._settings.depth),
-                group=_group(self._device.shape.vectors, vectors),
-                defines={
-                    **self._layers, **self._codes, **raised.defines,
-                    **({**self._response, "GRAINY": 1} if grains else {}),
-                },
-            )  # fmt: skip
+        """Blend TILES_A_LAUNCH tiles at most.
+
+        parts: each tile, its broad layer, the codes of its grain, and where it is written.  raised:
+        the defines of the broad layer.
+        """
+        first, _, grain, _ = parts[0]
+        vectors = first.texels // VECTOR
+        of_each = [
+            (tile.triangles.firsts, tile.triangles.members, tile.codes, *others)
+            for tile, *others in parts
+        ]
+        of_each += [of_each[0]] * (TILES_A_LAUNCH - len(parts))  # which no work-item looks at
+        self._device.launch(
+            "blend", "blend", (vectors, len(parts)),
+            *chain.from_iterable(of_each), coefficients.own,
+            None if grain is None else coefficients.gains, self._unit, first.place[0],
+            np.float32(grain_amplitude(self._settings)), np.float32(self._settings.depth),
+            group=_group(self._device.shape.vectors, vectors),
+            defines={
+                **self._layers, **self._codes, **raised,
+                **({} if grain is None else {**self._response, "GRAINY": 1}),
+            },
+        )  # fmt: skip
 
     def stiff_tile(self, maps: BinTile, stretches: Buffer, lines: Buffer | None = None) -> Buffer:
         """float32 displacement of a tile whose texels have a stiffness (Alg. 3, lines 8 to 15).
@@ -320,7 +327,7 @@ class CushionBlend:
         }
 
     def tiles(self, tiles: Sequence[CushionTile], lines: Buffer) -> list[Buffer]:
-        """float32 displacement of the samples of tiles, TILES_A_LAUNCH at most with equally many
+        """float32 displacement of the samples of tiles, RAISED_A_LAUNCH at most with equally many
         samples, on the device, with MORE values behind those of each.
 
         lines: `ends` of LineStretches.
@@ -328,7 +335,7 @@ class CushionBlend:
         vectors = tiles[0].side ** 2 // VECTOR
         made = [self._device.empty(maps.side**2 + MORE, np.float32) for maps in tiles]
         of_each = [(maps.owners, maps.codes, out) for maps, out in zip(tiles, made, strict=True)]
-        of_each += [of_each[0]] * (TILES_A_LAUNCH - len(tiles))  # which no work-item looks at
+        of_each += [of_each[0]] * (RAISED_A_LAUNCH - len(tiles))  # which no work-item looks at
         self._device.launch(
             "blend_cushions", "blend_cushions", (vectors, len(tiles)),
             *chain.from_iterable(of_each), lines, self._steps, self._last, self._exponent,
