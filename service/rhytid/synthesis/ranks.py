@@ -7,6 +7,7 @@ and wherever skin folds one way.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -128,42 +129,29 @@ class Ranks:
         leaders: the first pores of the net.  spacing: mean distance of pores on even skin.
         """
         rank, worn = settings.rank, wear(settings.age)
-        edge, depth, size, profile, number = _edges_along(net, leaders)
+        along, place = _edges_along(net, leaders), (net.pores.triangle, net.pores.uv)
         row = np.zeros(len(net.edges), np.int32)
-        row[edge] = np.arange(1, len(edge) + 1)
-        leading = leading_any_way(fields, net.pores.triangle, net.pores.uv)
-        uneven = np.minimum(rank, 1.0) * fields.uneven(net.pores.triangle, net.pores.uv) * leading
+        row[along.edge] = np.arange(1, len(along.edge) + 1)
+        leading = leading_any_way(fields, *place)
+        uneven = np.minimum(rank, 1.0) * fields.uneven(*place) * leading
         uneven = np.minimum(uneven, 1.0).astype(np.float32)
-        even = 1.0 - uneven[net.edges.nodes[edge]].mean(axis=1)
-        # Those that expressions leave behind; lips have creases at any age.
-        aged = np.where(number == CREASES.number, 0.0, worn)
-        pair = np.isin(number, _PAIR)
-        old = np.where(pair, _OLD_PAIR, _OLD**even * _OLD_NARROW ** (1.0 - even))
-        deepest = _DEEPEST * (old if worn > 0.0 else _YOUNG) ** aged
-        at = net.edges.nodes[edge, 0]
-        leads = leading_of(number, fields, net.pores.triangle[at], net.pores.uv[at])
-        comes = np.where(pair | (number == RINGS.number), 0.0, aged)
-        middle = deepest.astype(np.float32) * min(rank, 1.0) * depth / np.maximum(profile, _TINY)
-        risen, profile = _older(depth / np.maximum(profile, _TINY), profile, leads, comes)
-        middle = np.clip(middle * risen, _TINY, 1.0)
-        broad = min(rank, 1.0) * (_NARROW + (_BROAD - _NARROW) * size)
-        near = _nearness(net, leaders, _REACH * spacing)
-        aged *= even
-        aged[pair] = 0.0
-        width = WIDE * broad * _OLD_BROAD ** np.maximum(aged, 0.0)
-        quiet = (1.0 - _BESIDE * near) * (1.0 - _FOLDED * leading)
-        creases = CREASES.leading(fields, net.pores.triangle, net.pores.uv)
-        quiet *= 1.0 - _CRUMPLED * fields.crumpled(net.pores.triangle, net.pores.uv)
+        even = 1.0 - uneven[net.edges.nodes[along.edge]].mean(axis=1)
+        at = net.edges.nodes[along.edge, 0]
+        leads = leading_of(along.family, fields, *(values[at] for values in place))
+        middle, profile, width = _sizes(along, even, leads, rank, worn)
+        quiet = (1.0 - _BESIDE * _nearness(net, leaders, _REACH * spacing)) * (
+            1.0 - _FOLDED * leading
+        )
+        quiet *= 1.0 - _CRUMPLED * fields.crumpled(*place)
         quiet *= _of_others(worn, uneven) ** (worn * leading)
+        creased = 1.0 - _CREASED * CREASES.leading(fields, *place)
         of_pores = np.ones(len(net.pores), np.float32)
         of_pores[net.first] = _BEADS ** min(rank, 1.0)
-        quiet = (quiet**rank).astype(np.float32)
-        creased = ((1.0 - _CREASED * creases) ** rank).astype(np.float32)
-        calm = calm_of(leading, rank)
         return cls(
             row, _beside_none(0.0, middle * profile), _beside_none(np.inf, 1.0 / middle),
             _beside_none(0.0, width), _beside_none(0.0, np.minimum(profile, 1.0)),
-            np.append(0, number).astype(np.int8), quiet, creased, calm, of_pores, uneven, rank,
+            np.append(0, along.family).astype(np.int8), (quiet**rank).astype(np.float32),
+            (creased**rank).astype(np.float32), calm_of(leading, rank), of_pores, uneven, rank,
         )  # fmt: skip
 
     @property
@@ -234,6 +222,44 @@ class RankedLines:
     calm: Singles
 
 
+class _Along(NamedTuple):
+    """Edges of leaders: which they are (L,), the depth, the size, the profile and the number of the
+    family of each."""
+
+    edge: NDArray[np.intp]
+    depth: Singles
+    size: Singles
+    profile: Singles
+    family: NDArray[np.int64]
+
+
+def _sizes(
+    along: _Along,
+    even: NDArray[np.floating],
+    leading: NDArray[np.floating],
+    rank: float,
+    worn: float,
+) -> tuple[NDArray[np.floating], NDArray[np.floating], NDArray[np.floating]]:
+    """(L,) weights of leaders in their middle, profiles and half widths in pore spacings, at an
+    age.
+
+    even (L,): how far lines there are like those beside them.  leading (L,): how far skin has
+    leaders of that family.
+    """
+    # Those that expressions leave behind; lips have creases at any age.
+    aged = np.where(along.family == CREASES.number, 0.0, worn)
+    pair = np.isin(along.family, _PAIR)
+    old = np.where(pair, _OLD_PAIR, _OLD**even * _OLD_NARROW ** (1.0 - even))
+    deepest = _DEEPEST * (old if worn > 0.0 else _YOUNG) ** aged
+    comes = np.where(pair | (along.family == RINGS.number), 0.0, aged)
+    shown = np.maximum(along.profile, _TINY)
+    middle = deepest.astype(np.float32) * min(rank, 1.0) * along.depth / shown
+    risen, profile = _older(along.depth / shown, along.profile, leading, comes)
+    broad = min(rank, 1.0) * (_NARROW + (_BROAD - _NARROW) * along.size)
+    broader = np.where(pair, 0.0, np.maximum(aged * even, 0.0))
+    return np.clip(middle * risen, _TINY, 1.0), profile, WIDE * broad * _OLD_BROAD**broader
+
+
 def _older(
     middle: NDArray[np.floating],
     profile: NDArray[np.floating],
@@ -266,11 +292,8 @@ def calm_of(leading: Singles, rank: float) -> Singles:
     return found
 
 
-def _edges_along(
-    net: CandidateGraph, leaders: LeaderPores
-) -> tuple[NDArray[np.intp], Singles, Singles, Singles, NDArray[np.int64]]:
-    """The edges between pores that follow one another on a leader, and the depth, the width, the
-    profile and the family of each."""
+def _edges_along(net: CandidateGraph, leaders: LeaderPores) -> _Along:
+    """The edges between pores that follow one another on a leader."""
     follows = np.flatnonzero(leaders.line[1:] == leaders.line[:-1])
     ends = np.sort(np.stack([net.first[follows], net.first[follows + 1]], axis=1), axis=1)
     count = np.int64(len(net.pores))
@@ -282,7 +305,7 @@ def _edges_along(
         np.float32(0.5) * (values[follows] + values[follows + 1])[found]
         for values in (leaders.depth, leaders.width, leaders.profile)
     )
-    return at[found], depth, width, profile, leaders.family[follows][found]
+    return _Along(at[found], depth, width, profile, leaders.family[follows][found])
 
 
 def _beside_none(none: float, values: NDArray[np.floating]) -> Singles:
