@@ -132,7 +132,7 @@ def _caption(
         f"A: the most stretched patch, B: the most compressed one, each {crop_mm:g} mm wide on the "
         "surface it is shown on (neutral: undeformed; the others: deformed, so stretched skin "
         "shows less of the map), seen along the normal at its middle. Heights are true to scale, "
-        "read through a cubic B-spline; one light from the upper left. "
+        "read through a cubic B-spline; light from the upper left, on faces weaker from the right. "
         f"Rms of binned - redraw over rms of redraw: {100 * whole:.1f} % of the whole map "
         f"({resolution} x {resolution} texels), {100 * a:.1f} % in A, {100 * b:.1f} % in B."
     )
