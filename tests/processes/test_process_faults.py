@@ -21,10 +21,14 @@ import pytest
 from api.asking import NPY, built, is_problem, npy
 from api.patch import obj, smile, upload
 from processes.served import LONG, TILE, Served, alive, await_value, children, serving
+from rhytid_lab.samples.grids import flat_sheet
 
 pytestmark = [pytest.mark.slow, pytest.mark.attack, pytest.mark.release]
 # Kernels that tiles with `stretch=uv` launch, and builds, and nothing else.
 UV, SYNTHESIS = "stretch_uv", "throw_darts"
+# Of a graph that takes seconds to grow, and what is said of a build that is started again.
+LARGE = {"wrinkles": 400_000}
+AGAIN = "started again, since the device's process ended"
 
 
 @pytest.fixture
@@ -103,6 +107,82 @@ def test_a_build_goes_on_under_its_job_where_the_process_was_killed(served: Serv
         assert b'"state": "done"' in events.read()
     assert served.client.get(f"/v1/assets/{made['id']}").json()["state"] == "ready"
     assert served.restarts() == {"killed": 1}
+
+
+def test_a_build_that_is_started_again_keeps_its_id_and_says_so(served: Served) -> None:
+    """One id for its asset, for who sends it again and for who follows the job, after each of two
+    kills; it is done once the asset is ready."""
+    files = upload(obj(4.0), graph=LARGE)
+    made = served.client.post("/v1/assets", files=files).raise_for_status().json()
+    asset, job = f"/v1/assets/{made['id']}", f"/v1/jobs/{made['job']}"
+    for kills in (1, 2):
+        await_value(lambda: served.client.get(job).json()["state"] == "running")
+        os.kill(served.child, signal.SIGKILL)
+        again = served.client.post("/v1/assets", files=files).raise_for_status().json()
+        found = served.client.get(asset).json()
+        assert (again["job"], found["job"]) == (made["job"], made["job"]), kills
+        now = served.client.get(job).json()
+        assert (found["state"], now["id"]) == ("building", made["job"])
+        assert now["detail"].startswith(AGAIN)
+    with served.client.stream("GET", f"{job}/events") as events:
+        told = events.read()
+    assert b'"state": "done"' in told
+    assert f'"detail": "{AGAIN}'.encode() in told
+    found = served.client.get(asset).json()
+    assert (found["state"], found["job"]) == ("ready", made["job"])
+    os.kill(served.child, signal.SIGKILL)
+    assert served.client.get(job).json()["state"] == "done"
+    assert served.client.get(asset).json()["job"] is None
+    assert served.restarts() == {"killed": 3}
+
+
+def test_frames_that_are_added_to_a_build_do_not_take_its_place(served: Served) -> None:
+    """The asset names the job that adds frames, until its process ends: the build goes on alone,
+    and stands for that job, too."""
+    files = upload(framed(5.0), "patch.npz", graph=LARGE)
+    build = served.client.post("/v1/assets", files=files).raise_for_status().json()
+    frames = served.client.post("/v1/assets", files=files).raise_for_status().json()
+    assert frames["job"] != build["job"]
+    asset = f"/v1/assets/{build['id']}"
+    for _ in range(2):
+        os.kill(served.child, signal.SIGKILL)
+        found = served.client.get(asset).json()
+        assert (found["state"], found["job"]) == ("building", build["job"])
+        for one in (build, frames):
+            now = served.client.get(f"/v1/jobs/{one['job']}").json()
+            assert now["id"] == one["job"]
+            assert now["detail"].startswith(AGAIN)
+    for one in (frames, build):
+        with served.client.stream("GET", f"/v1/jobs/{one['job']}/events") as events:
+            assert b'"state": "done"' in events.read()
+        assert served.client.get(asset).json()["state"] == "ready"
+    assert served.client.get(f"{asset}/frames/0001/{TILE}").status_code == 200
+
+
+def test_a_build_that_is_started_again_can_be_cancelled(served: Served) -> None:
+    files = upload(obj(6.0), graph=LARGE)
+    made = served.client.post("/v1/assets", files=files).raise_for_status().json()
+    job = f"/v1/jobs/{made['job']}"
+    os.kill(served.child, signal.SIGKILL)
+    assert served.client.delete(job).status_code == 200
+    assert await_value(lambda: served.client.get(job).json()["state"] == "cancelled")
+    os.kill(served.child, signal.SIGKILL)
+    is_problem(served.client.get(f"/v1/assets/{made['id']}"), 404, "not-found")
+    # A new build of the same has an id of its own, also where that is started again.
+    new = served.client.post("/v1/assets", files=files).raise_for_status().json()
+    assert new["job"] != made["job"]
+    os.kill(served.child, signal.SIGKILL)
+    assert served.client.get(f"/v1/assets/{made['id']}").json()["job"] == new["job"]
+    assert served.client.get(job).json()["state"] == "cancelled"
+
+
+def framed(scale: float) -> bytes:
+    """A mesh of its own with a frame, as npz."""
+    mesh = flat_sheet(scale, 4)
+    arrays = {"positions": mesh.positions, "faces": mesh.faces, "uv": mesh.uv}
+    file = io.BytesIO()
+    np.savez(file, **arrays, face_uv=mesh.face_uv, frames=1.1 * mesh.positions[None])
+    return file.getvalue()
 
 
 @pytest.mark.parametrize("word", ["hang", "wait"])

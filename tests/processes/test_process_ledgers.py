@@ -15,7 +15,7 @@ import pytest
 from rhytid.device.watch import SIZE, Purpose, Report
 from rhytid.domain.tiles import MapAddress, TileGrid
 from rhytid.engine.byte_budget import ByteBudget
-from rhytid.engine.messages import AssetDimensions, AssetInfo, JobInfo, MapQuery
+from rhytid.engine.messages import STARTED_AGAIN, AssetDimensions, AssetInfo, JobInfo, MapQuery
 from rhytid.engine.operations import OPERATIONS, Proxy
 from rhytid.errors import FatalRequestError, NotFoundError
 from rhytid.processes.device_process import Ending, ending_of
@@ -24,6 +24,7 @@ from rhytid.processes.frame_ledger import FrameLedger
 from rhytid.processes.job_ledger import JobLedger, resumed
 from rhytid.processes.remote_calls import RemoteCalls, UploadHolds
 from rhytid.processes.supervisor import Refusals
+from rhytid.processes.wire import BuildChanged
 
 ONE, OTHER = cast(Any, "process 1"), cast(Any, "process 2")
 FRAME = np.ones((10, 3), np.float32)
@@ -158,6 +159,54 @@ def test_a_job_that_is_lost_is_cancelled_after_it_was_asked_for() -> None:
     remote = calls_over(call, jobs=ledger).jobs
     assert (remote.info("j").id, remote.info("j").state) == ("j", "running")
     assert (remote.cancel("j").id, remote.cancel("j").state) == ("j", "cancelled")
+
+
+def test_a_build_is_not_lost_with_its_process_until_it_has_ended() -> None:
+    """The next process has it under the same id; the end of an earlier build of the same asset,
+    told late, changes nothing."""
+    ledger = JobLedger()
+    for id in ("j", "frames", "new"):
+        ledger.keep(replace(JOB, id=id))
+    ledger.note_build(BuildChanged("a", "j", ended=False))
+    ledger.lose()
+    assert [ledger.lost(id) is None for id in ("j", "frames")] == [True, False]
+    assert ledger.builds() == {"a": "j"}
+    ledger.note_build(BuildChanged("a", "new", ended=False))
+    ledger.note_build(BuildChanged("a", "j", ended=True))
+    assert ledger.builds() == {"a": "new"}
+    ledger.note_build(BuildChanged("a", "new", ended=True))
+    ledger.lose()
+    assert ledger.builds() == {}
+    assert ledger.lost("j") is not None
+
+
+@pytest.mark.parametrize("state", ["done", "failed", "cancelled"])
+def test_a_lost_build_does_not_end_with_frames_while_its_asset_is_built(state: str) -> None:
+    """The asset may name the job that adds frames to it."""
+    building = replace(ASSET, state="building", job="frames")
+    frames = replace(JOB, id="frames", kind="frames", state=state)
+    now = resumed(JOB, lambda id: building, lambda id: frames)
+    assert (now.id, now.state, now.detail) == ("j", "running", STARTED_AGAIN)
+    for detail in ("", "1 of 2", STARTED_AGAIN, f"{STARTED_AGAIN}; 1 of 2"):
+        one = replace(frames, state="running", detail=detail)
+        told = resumed(JOB, lambda id: building, lambda id, one=one: one).detail
+        assert told == "; ".join([STARTED_AGAIN, *(["1 of 2"] if "1" in detail else [])])
+
+
+def test_a_job_that_its_process_forgot_is_cancelled_as_what_became_of_it() -> None:
+    """Its build ended as its process did."""
+
+    def call(request: Request, prepare: Any = None) -> Any:
+        if request.operation.name == "assets.info":
+            return ASSET
+        raise NotFoundError("no such job")
+
+    ledger = JobLedger()
+    ledger.keep(JOB)
+    remote = calls_over(call, jobs=ledger).jobs
+    assert remote.cancel("j").state == "done"
+    with pytest.raises(NotFoundError):
+        remote.cancel("of nobody")
 
 
 def test_a_job_that_this_side_answers_is_remembered() -> None:

@@ -49,6 +49,7 @@ class Engine:
     refused: why assets are not built, by id.  figures: counts what the device does; one in memory
     that another process reads may be given.  only: the assets to open, of a store that several
     engines share and another process holds open; None: all, and this engine holds the store.
+    builds: the jobs that built assets in a process that has ended, by asset: they go on here.
 
     memory: bytes that requests and jobs hold on the host.  figures: by the number of the device.
     shared: the shared store.  assets, frames, tiles, jobs, snapshots, packages: the calls. Every
@@ -63,6 +64,7 @@ class Engine:
         refused: Mapping[str, Refusal] = MappingProxyType({}),
         figures: Figures | None = None,
         only: Collection[str] | None = None,
+        builds: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         # Before a device is opened, so that a shared store that cannot be used is found at once.
         shared = SharedStore.at(settings.shared_store) if settings.shared_store else None
@@ -110,7 +112,7 @@ class Engine:
             registry, self.assets, self.tiles, self._store, self.jobs, self.memory
         )
         self.snapshots = SnapshotService(registry, self._store, restored, self.shared)
-        registration.open_store(only)
+        registration.open_store(only, builds)
         try:
             self.shared.open()
         except BaseException:

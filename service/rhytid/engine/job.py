@@ -30,8 +30,9 @@ class Job:
     """One piece of long work, as the thread that does it sees it.
 
     waits: tells whether a job of higher priority waits.  seconds: that its work may take; None:
-    any.  caller: the caller that asked for it.  reason: why it failed, for callers in this process;
-    `info` has the part of it that others may know.
+    any.  note: stands before the detail of each step.  caller: the caller that asked for it.
+    reason: why it failed, for callers in this process; `info` has the part of it that others may
+    know.
     """
 
     def __init__(
@@ -39,8 +40,10 @@ class Job:
         info: JobInfo,
         waits: Callable[[Job], bool] = lambda job: False,
         seconds: float | None = None,
+        note: str = "",
     ) -> None:
-        self._info, self._waits, self._seconds = info, waits, seconds
+        self._info, self._waits, self._seconds = replace(info, detail=note), waits, seconds
+        self._note = note
         self.caller = caller.get()
         self._began: float | None = None
         self._lock = threading.Lock()
@@ -60,7 +63,8 @@ class Job:
         """Report how far the job is; raises what `check` does."""
         self.check()
         share = min(max(share, self.info.progress), 1.0)
-        self.update(progress=share, stage=stage, detail=detail)
+        told = "; ".join(filter(None, (self._note, detail)))
+        self.update(progress=share, stage=stage, detail=told)
 
     def check(self) -> None:
         """Raise CancelledError where the job was cancelled, LimitError where its work takes longer

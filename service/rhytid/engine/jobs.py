@@ -16,7 +16,7 @@ from rhytid.device.figures import JOB_KINDS, Figures
 from rhytid.domain.wording import plural
 from rhytid.engine import operations
 from rhytid.engine.job import Job
-from rhytid.engine.messages import JobInfo
+from rhytid.engine.messages import STARTED_AGAIN, JobInfo
 from rhytid.errors import BusyError, NotFoundError
 
 # Kinds that wait for a shared store, and keep neither the device nor other jobs of their asset.
@@ -129,14 +129,17 @@ class Jobs(operations.Jobs):
         *,
         small: bool = False,
         always: bool = False,
+        again: str = "",
     ) -> Job:
-        """Queue `work`, which reports through the job that it is given.
+        """Queue `work`, which reports through the job that it is given.  again: the id of a job of
+        a process that has ended, whose work this is; the new job has it, too, and says so.
 
         A calibration, bins or a push that still waits for the same asset is cancelled: the new job
         takes its place. Raises BusyError where too many jobs wait, unless `always`.
         """
-        info = JobInfo(secrets.token_hex(8), asset, kind, "queued", 0.0, "queued", "")
-        job = Job(info, self._waits, self._build_seconds if kind == "build" else None)
+        seconds = self._build_seconds if kind == "build" else None
+        info = JobInfo(again or secrets.token_hex(8), asset, kind, "queued", 0.0, "queued", "")
+        job = Job(info, self._waits, seconds, STARTED_AGAIN if again else "")
         with self._changed:
             if kind in _SUPERSEDED:
                 self._supersede(kind, asset)
@@ -176,6 +179,10 @@ class Jobs(operations.Jobs):
     def of(self, asset: str) -> list[Job]:
         """The jobs of an asset that are known."""
         return [job for job in self._known() if job.info.asset == asset]
+
+    def builds(self) -> list[Job]:
+        """The builds that have not ended."""
+        return [job for job in self._known() if job.info.kind == "build" and not job.ended]
 
     def close(self) -> None:
         """Cancel all jobs and wait for their end."""

@@ -33,6 +33,8 @@ Tile = NDArray[np.float32]
 Halves = NDArray[np.float16]
 # The states of a job in which nothing more will happen.
 ENDED_STATES = ("done", "failed", "cancelled")
+# What the detail of a job says whose work began anew.
+STARTED_AGAIN = "started again, since the device's process ended"
 
 
 @dataclass(frozen=True)

@@ -365,7 +365,7 @@ class Jobs(Protocol):
     @operation("job")
     def info(self, id: str) -> JobInfo:
         """How far a job is; raises NotFoundError. Where the process that ran it has ended, a build
-        goes on under the same id; other jobs have failed."""
+        is started again under the same id, and its detail says so; other jobs have failed."""
 
     @operation("job", "change")
     def cancel(self, id: str) -> JobInfo:

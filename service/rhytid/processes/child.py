@@ -21,12 +21,14 @@ from rhytid.device.figures import Figures
 from rhytid.device.watch import SIZE, Purpose, Report, report_to, used_for
 from rhytid.engine import changes
 from rhytid.engine.engine import Engine
+from rhytid.engine.job import Job
 from rhytid.engine.messages import AssetInfo
 from rhytid.errors import NotFoundError, RhytidError
 from rhytid.processes.device_process import SHARED
 from rhytid.processes.envelope import Answer, Envelope, answered
 from rhytid.processes.packing import Bytes, Packed, mapped, pack, private, unpack
 from rhytid.processes.wire import (
+    BuildChanged,
     Close,
     Control,
     FramesStored,
@@ -87,13 +89,14 @@ class _Process:
     def run(self, start: Start, counters: Figures) -> NoReturn:
         threading.Thread(target=self._listen, name="rhytid-control", daemon=True).start()
         try:
-            engine = Engine(start.settings, start.refused, counters, start.assets)
+            engine = Engine(start.settings, start.refused, counters, start.assets, start.builds)
         except Exception as error:  # noqa: BLE001 the server raises it
             if not isinstance(error, RhytidError | OSError):
                 _log.exception("the engine does not start")
             self._notify(Started(_sendable(error)))
             _exit(1)
         self._engine = engine
+        self._tell_builds(engine.jobs.builds())
         self._notify(Started(None))
         _keep_giving_back(self._closing)
         self._closing.wait()
@@ -157,8 +160,17 @@ class _Process:
         with used_for(Purpose(request=envelope.number)):
             value = envelope.perform(self._engine)
         if isinstance(value, AssetInfo) and envelope.operation.addresses == "content":
+            builds = self._engine.jobs.builds()
+            self._tell_builds([job for job in builds if job.info.asset == value.id])
             self._when_stored(value, envelope.number)
         return value
+
+    def _tell_builds(self, jobs: list[Job]) -> None:
+        """Tell the server of builds: should this process end, the next goes on with them."""
+        for job in jobs:
+            info = job.info
+            self._notify(BuildChanged(info.asset, info.id, ended=False))
+            job.when_ended(partial(self._notify, BuildChanged(info.asset, info.id, ended=True)))
 
     def _when_stored(self, info: AssetInfo, number: int) -> None:
         """Tell the server when the frames are stored that came with an asset."""

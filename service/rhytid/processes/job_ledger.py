@@ -7,8 +7,9 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from rhytid.engine.messages import ENDED_STATES, AssetInfo, JobInfo
+from rhytid.engine.messages import ENDED_STATES, STARTED_AGAIN, AssetInfo, JobInfo
 from rhytid.errors import NotFoundError
+from rhytid.processes.wire import BuildChanged
 
 _REMEMBERED = 1000
 _LOST = "the process of the device was restarted"
@@ -27,6 +28,8 @@ class JobLedger:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._jobs: OrderedDict[str, _Known] = OrderedDict()
+        # The jobs that build assets, by asset: they go on in the next process.
+        self._builds: dict[str, str] = {}
 
     def keep(self, info: JobInfo) -> JobInfo:
         """Remember a job as it is; the job itself. A job that is lost stays as it was when its
@@ -57,10 +60,25 @@ class JobLedger:
         return "" if known is None else known.asset
 
     def lose(self, its: Callable[[str], bool] = lambda asset: True) -> None:
-        """A process has ended.  its: whether an asset was."""
+        """A process has ended.  its: whether an asset was. Builds are not lost: the next process
+        starts them again, under the same ids."""
         with self._lock:
-            for known in self._jobs.values():
-                known.lost = known.lost or its(known.info.asset)
+            builds = set(self._builds.values())
+            for id, known in self._jobs.items():
+                known.lost = known.lost or (id not in builds and its(known.info.asset))
+
+    def note_build(self, told: BuildChanged) -> None:
+        """A build has begun or ended, by its process."""
+        with self._lock:
+            if not told.ended:
+                self._builds[told.asset] = told.job
+            elif self._builds.get(told.asset) == told.job:  # else another has begun since
+                del self._builds[told.asset]
+
+    def builds(self) -> dict[str, str]:
+        """The jobs that build assets, by asset."""
+        with self._lock:
+            return dict(self._builds)
 
     def lost(self, id: str) -> JobInfo | None:
         """A job of a process that has ended, as it was then."""
@@ -87,7 +105,16 @@ def resumed(
     if now.state == "failed":
         return replace(failed, detail=now.reason or _LOST)
     if now.state == "building" and now.job is not None:
-        return replace(info(now.job), id=job.id)
+        return _gone_on(job, info(now.job))
     if job.kind in ("build", "frames"):
         return replace(job, state="done", progress=1.0, stage="done", detail="")
     return failed
+
+
+def _gone_on(job: JobInfo, now: JobInfo) -> JobInfo:
+    """A job of a process that has ended, while its asset is built.  now: the job of the asset,
+    which may have added frames to it, and has ended before the build then."""
+    if now.state in ENDED_STATES:
+        return replace(job, state="running", detail=STARTED_AGAIN)
+    told = now.detail.removeprefix(STARTED_AGAIN).removeprefix("; ")
+    return replace(now, id=job.id, detail="; ".join(filter(None, (STARTED_AGAIN, told))))

@@ -292,7 +292,12 @@ class RemoteCalls:
         id = request.positional[0]
         lost = self._jobs.lost(id)
         if lost is None:
-            return self._of_job(request)
+            try:
+                return self._of_job(request)
+            except NotFoundError:
+                lost = self._jobs.find(id)
+                if lost is None:
+                    raise
         now = self._resumed(lost)
         job = self._info(lost.asset).job if now.state in ("queued", "running") else None
         if job is None:

@@ -23,7 +23,7 @@ from rhytid.processes.lines import LineBroken
 from rhytid.processes.remote_calls import RemoteCalls, UploadHolds
 from rhytid.processes.supervisor import Supervisor
 from rhytid.processes.supervisors import Supervisors
-from rhytid.processes.wire import FramesStored
+from rhytid.processes.wire import BuildChanged, FramesStored
 from rhytid.support.settings import ServiceSettings
 
 
@@ -38,7 +38,7 @@ class RemoteEngine(Proxy):
         host_memory = settings.host_memory or usual_host_memory()
         self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
         self._uploads, self._jobs = UploadHolds(self.memory), JobLedger()
-        self._supervisor = Supervisors(settings, self._on_message, self._on_end)
+        self._supervisor = Supervisors(settings, self._on_message, self._on_end, self._jobs.builds)
         frames = FrameLedger(settings.frame_memory or usual_frame_memory(), self._put)
         super().__init__(RemoteCalls(self._supervisor, frames, self._jobs, self._uploads))
         self._devices: dict[Supervisor, list[DeviceInfo]] = {}
@@ -106,6 +106,8 @@ class RemoteEngine(Proxy):
     def _on_message(self, message: Any) -> None:
         if isinstance(message, FramesStored):
             self._uploads.release(message.number)
+        elif isinstance(message, BuildChanged):
+            self._jobs.note_build(message)
 
     def _on_end(self, process: DeviceProcess, its: Callable[[str], bool]) -> None:
         self._jobs.lose(its)

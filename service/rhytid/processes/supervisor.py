@@ -47,7 +47,8 @@ class Supervisor:
 
     on_message: called with messages of a process beside answers.  on_end: called when one has
     ended, before the next starts.  assets: those of the store that are this device's; None = all.
-    figures: what the device has done, in all of its processes.
+    builds: the jobs that build assets, by asset, with which the next process goes on.  figures:
+    what the device has done, in all of its processes.
     """
 
     def __init__(
@@ -56,12 +57,13 @@ class Supervisor:
         on_message: Callable[[Any], None],
         on_end: Callable[[DeviceProcess], None],
         assets: Callable[[], frozenset[str]] | None = None,
+        builds: Callable[[], dict[str, str]] = dict,
     ) -> None:
         self.restarts: Counter[str] = Counter()
         self._figures_memory = shared_file(figures.SIZE)
         self.figures = Figures(mapped(self._figures_memory, figures.SIZE).data)
         self._settings, self._on_message, self._on_end = settings, on_message, on_end
-        self._assets = assets
+        self._assets, self._builds = assets, builds
         self._refusals = Refusals()
         # Who is blamed, by the number of what is asked.
         self._asked: dict[int, Request] = {}
@@ -249,7 +251,8 @@ class Supervisor:
 
     def _make(self) -> DeviceProcess:
         level, assets = logging.getLogger("rhytid").level, self._assets and self._assets()
-        start = Start(self._settings, self._refusals.builds(), level, assets)
+        refused, builds = self._refusals.builds(), self._builds()
+        start = Start(self._settings, refused, level, assets, builds)
         process = DeviceProcess(start, self._on_message, self._publish, self._figures_memory)
         with self._changed:
             self._made = process

@@ -46,6 +46,7 @@ class Supervisors:
         settings: ServiceSettings,
         on_message: Callable[[Any], None],
         on_end: OnEnd,
+        builds: Callable[[], dict[str, str]] = dict,
     ) -> None:
         self._store: AssetStore | None = None
         self._shared = settings.shared_store is not None
@@ -53,7 +54,8 @@ class Supervisors:
         # An asset is placed or removed by one thread at a time.
         self._changing = KeyedLocks()
         if not settings.devices:
-            self.all = [Supervisor(settings, on_message, partial(self._one_ended, 0))]
+            ended = partial(self._one_ended, 0)
+            self.all = [Supervisor(settings, on_message, ended, builds=builds)]
             return
         chosen = named_devices(settings.devices, found_devices())
         each = [settings_of(one, chosen, settings) for one in chosen]
@@ -67,6 +69,7 @@ class Supervisors:
                 on_message,
                 partial(self._one_ended, number),
                 partial(self._placement.on, number),
+                builds,
             )
             for number, one in enumerate(each)
         ]

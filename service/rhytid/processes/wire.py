@@ -12,7 +12,7 @@ import select
 import struct
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle, send_handle
 from typing import Any
@@ -95,13 +95,14 @@ class Start:
 
     refused: ids of assets that are not to be built, and why.  log_level: of what it logs; 0 = only
     what Python writes by itself, warnings.  assets: those of the store that are this device's;
-    None = all.
+    None = all.  builds: the jobs that built assets when the process before ended, by asset.
     """
 
     settings: ServiceSettings
     refused: dict[str, Refusal]
     log_level: int
     assets: frozenset[str] | None = None
+    builds: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -126,6 +127,15 @@ class FramesStored:
     """The job that stored the frames of an upload has ended.  number: of the call of the upload."""
 
     number: int
+
+
+@dataclass(frozen=True)
+class BuildChanged:
+    """A job that builds an asset has begun or ended. Sent before anybody has its id."""
+
+    asset: str
+    job: str
+    ended: bool
 
 
 class Control:

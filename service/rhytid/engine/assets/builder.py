@@ -75,10 +75,15 @@ class AssetBuilder:
         self._limit, self._refused = limit, dict(refused)
 
     def start(
-        self, asset: Asset, afterwards: Callable[[Job], None] | None = None, *, always: bool = False
+        self,
+        asset: Asset,
+        afterwards: Callable[[Job], None] | None = None,
+        *,
+        always: bool = False,
+        again: str = "",
     ) -> None:
         """Build an asset whose request is stored, as a job.  afterwards: called with the job once
-        the asset is ready.
+        the asset is ready.  again: the id of the job that was building it in a process that ended.
 
         Raises BusyError where too many jobs wait, unless `always`, and FatalRequestError where the
         asset is not to be built.
@@ -93,7 +98,9 @@ class AssetBuilder:
                 afterwards(job)
             self.prepare_bins(asset)
 
-        job = self._jobs.start("build", asset.id, work, small=asset.small, always=always)
+        job = self._jobs.start(
+            "build", asset.id, work, small=asset.small, always=always, again=again
+        )
         asset.job = job
         job.when_ended(partial(self._not_begun, job, asset))
 

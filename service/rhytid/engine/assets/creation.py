@@ -3,7 +3,7 @@ build. Registers the assets of the store, too."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache, partial
 
@@ -122,16 +122,16 @@ class AssetRegistration:
         self._assets, self._store, self._stored = registry, store, stored
         self._builder, self._frames, self._jobs, self._memory = builder, frames, jobs, memory
 
-    def open_store(self, only: Collection[str] | None = None) -> None:
+    def open_store(self, only: Collection[str] | None, builds: Mapping[str, str]) -> None:
         """Register the assets of the store, or those of `only`, and go on with builds that were
-        interrupted."""
+        interrupted.  builds: the ids of their jobs, by asset, as far as they are known."""
         for asset in self._stored.built(only):
             self._assets.replace(None, asset)
         for asset in self._stored.pending(only):
             self._assets.replace(None, asset)
             if asset.state == "building":
                 try:
-                    self._builder.start(asset, always=True)
+                    self._builder.start(asset, always=True, again=builds.get(asset.id, ""))
                 except FatalRequestError as error:
                     asset.fail(str(error))
 
