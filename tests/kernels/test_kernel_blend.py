@@ -21,7 +21,7 @@ from rhytid.pipeline.vectors import VectorTriangles
 
 ONE_TILE = """
 __kernel void one_tile(__global const int *firsts, __global const int2 *members,
-                       __global const CODE *codes, __global const float4 *coefficients, float unit,
+                       __global const CODE *codes, __global const float *coefficients, float unit,
                        __global float *out)
 {
     blend_vector(firsts, members, codes, 0, 0, coefficients, 0, unit, 16, 0.0f, 1.0f, out);
@@ -29,7 +29,7 @@ __kernel void one_tile(__global const int *firsts, __global const int2 *members,
 """
 GRAINY_TILE = """
 __kernel void grainy_tile(__global const int *firsts, __global const int2 *members,
-                          __global const CODE *codes, __global const float4 *coefficients,
+                          __global const CODE *codes, __global const float *coefficients,
                           float unit, __global const char *grain, __global const float *gains,
                           __global float *out)
 {
