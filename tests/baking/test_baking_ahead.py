@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -362,26 +363,43 @@ def test_a_signal_while_writers_are_waited_for_lets_them_end() -> None:
     """Else what they write in is removed under them."""
     ended: list[int] = []
     begun: list[Future[int]] = []
+    writing, submitted, may_end = threading.Semaphore(0), threading.Event(), threading.Event()
 
     def write() -> int:
-        time.sleep(0.4)
+        writing.release()
+        may_end.wait(60)
         ended.append(1)
         return 1
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
+    def interrupt_the_wait(ahead: int, main: int) -> None:
+        """Once all writers write; they may end when what waits behind them is cancelled."""
+        for _ in range(ahead):
+            writing.acquire(timeout=60)
+        submitted.wait(60)
+        time.sleep(0.1)  # now it waits, most likely; else the signal is an error in the block
+        signal.pthread_kill(main, signal.SIGALRM)
+        with suppress(AssertionError):
+            wait_until(lambda: begun[-1].cancelled())
+        may_end.set()
+
     def use(writers: FileWriters) -> None:
         with writers:
             begun.extend(writers.submit(write) for _ in range(2 * writers.ahead))
-            signal.setitimer(signal.ITIMER_REAL, 0.2)
+            submitted.set()
 
     before, writers = signal.signal(signal.SIGALRM, interrupt), FileWriters(1 << 20)
+    given = writers.ahead, threading.get_ident()
+    sending = threading.Thread(target=interrupt_the_wait, args=given)
+    sending.start()
     try:
         with pytest.raises(KeyboardInterrupt):
             use(writers)
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
-    assert len(ended) == writers.ahead
+    found = len(ended)
+    sending.join()
+    assert found == writers.ahead
     assert all(one.done() for one in begun)
