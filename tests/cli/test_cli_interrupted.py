@@ -91,6 +91,17 @@ def interrupted(running: subprocess.Popen[str], ready: Callable[[str], bool]) ->
             running.kill()
 
 
+def seconds_of_nothing(folder: Path) -> float:
+    """What a command takes that has nothing to do, as busy as the machine is now: the median of
+    three."""
+    taken = []
+    for _ in range(3):
+        start = time.monotonic()
+        started("--version", folder).communicate(timeout=60)
+        taken.append(time.monotonic() - start)
+    return sorted(taken)[1]
+
+
 @pytest.mark.parametrize(("arguments", "words"), RUNS)
 def test_an_interrupted_command_ends_soon_and_leaves_nothing(
     arguments: str, words: str, folder: Path
@@ -99,7 +110,8 @@ def test_an_interrupted_command_ends_soon_and_leaves_nothing(
     seconds, rest = interrupted(running, lambda line: bool(re.search(words, line)))
 
     assert running.returncode == 130, rest
-    assert seconds < 1
+    # A second on a quiet machine, on which `rhytid --version` takes a tenth of one.
+    assert seconds < max(1, 10 * seconds_of_nothing(folder))
     assert rest.splitlines()[-1] == f"rhytid {arguments.split()[0]}: interrupted"
     assert "Traceback" not in rest
     assert "Exception" not in rest
