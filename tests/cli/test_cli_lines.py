@@ -124,6 +124,8 @@ def test_ages_of_a_mesh_without_regions_are_drawn_at_flat_places(
     grown(tmp_path, neutral, *given)
     assert not (tmp_path / "p.regions.png").exists()
     grown(tmp_path, neutral, *given, "--ages", "20", "65")
-    assert "show regions of the mesh: p.regions.png shows its flattest" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "rhytid synthesize: notice: neither painted masks" in told
+    assert "show regions of the mesh: p.regions.png shows its flattest" in told
     with Image.open(tmp_path / "p.regions.png") as picture:
         assert picture.size[1] > 4 * 400  # two rows of patches for each age

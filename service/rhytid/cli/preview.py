@@ -39,7 +39,7 @@ from rhytid.pictures.preview import (
 from rhytid.pictures.sheet import Panel, sheet
 from rhytid.pictures.surface_patch import SurfacePatch, surface_patch
 from rhytid.support.atomic_files import atomic_write
-from rhytid.support.console import note, share_bar
+from rhytid.support.console import share_bar
 from rhytid.synthesis.progress import Progress, part
 
 PATCH_MM = 20.0
@@ -146,35 +146,38 @@ class AgedSkin:
     spacing: float
 
 
+@dataclass(frozen=True, eq=False)
+class SheetPlaces:
+    """What the picture of regions looks at: patches in one UDIM, none where nothing fits.
+
+    known: whether they are regions, not the flattest places of a mesh without any.
+    """
+
+    udim: int
+    views: list[RegionView]
+    known: bool
+
+    @classmethod
+    def of(
+        cls, mesh: Mesh, folds: Folds | None, controls: Controls | None, unit: str
+    ) -> SheetPlaces:
+        """All regions that lie in the UDIM with most triangles, or the flattest places there."""
+        side = SIDE_MM / (millimetres(unit) or MILLIMETRES[USUAL_UNIT])
+        udim = busiest_udim(mesh)
+        views = skin_views(mesh, folds, udim, side, controls)
+        return cls(udim, views or _flat_views(mesh, udim, side), bool(views))
+
+
 def write_region_sheet(
-    device: Device,
-    mesh: Mesh,
-    folds: Folds | None,
-    controls: Controls | None,
-    skins: Iterable[AgedSkin],
-    file: Path,
+    device: Device, mesh: Mesh, places: SheetPlaces, skins: Iterable[AgedSkin], file: Path
 ) -> None:
-    """Draw patches of all regions of a face into a PNG, two rows for each skin; of its flattest
-    places where no region lies in the UDIM with most triangles. Says so, and where not even a
-    patch of these fits."""
-    udim, rows, shown = busiest_udim(mesh), [], _REGIONS
-    views: list[RegionView] = []
+    """Draw patches at some places into a PNG, two rows for each skin."""
+    rows: list[list[Panel]] = []
     for skin in skins:
-        side = SIDE_MM / (millimetres(skin.settings.length_unit) or MILLIMETRES[USUAL_UNIT])
-        views = views or skin_views(mesh, folds, udim, side, controls)
-        if not views:
-            views, shown = _flat_views(mesh, side), _FLATTEST
-            what = "shows its flattest places" if views else "is not written: no patch is flat"
-            note(
-                "rhytid: notice: neither painted masks nor expressions of known names show regions "
-                f"of the mesh: {file.name} {what}"
-            )
-        if not views:
-            return
-        rows += _rows(device, mesh, udim, views, skin)
+        rows += _rows(device, mesh, places, skin)
     caption = (
-        f"{shown}, {SIDE_MM:g} mm wide, seen on the surface along its normal, true to scale; light "
-        "from the upper left, at 45° and grazing."
+        f"{_REGIONS if places.known else _FLATTEST}, {SIDE_MM:g} mm wide, seen on the surface "
+        "along its normal, true to scale; light from the upper left, at 45° and grazing."
     )
     with atomic_write(file) as aside:
         sheet(rows, caption).save(aside, format="png")
@@ -201,33 +204,31 @@ def skin_views(
     return region_views(corners, uv, masks, folding, side, _PIXELS)
 
 
-def _flat_views(mesh: Mesh, side: float) -> list[RegionView]:
-    """The flattest places, as patches of `side` mesh units."""
-    near = flat_spots(mesh, [side])
-    inside = triangles_inside(mesh, near.udim)
+def _flat_views(mesh: Mesh, udim: int, side: float) -> list[RegionView]:
+    """The flattest places of its UDIM with most triangles, as patches of `side` mesh units."""
+    inside = triangles_inside(mesh, udim)
     corners = mesh.positions[mesh.faces[inside]].astype(np.float64)
-    uv = mesh.triangle_uv()[inside] - udim_origin(near.udim)
-    surfaces = [surface_patch(corners, uv, spot.frame, side, _PIXELS) for spot in near.spots]
+    uv = mesh.triangle_uv()[inside] - udim_origin(udim)
+    spots = flat_spots(mesh, [side]).spots
+    surfaces = [surface_patch(corners, uv, spot.frame, side, _PIXELS) for spot in spots]
     return [RegionView(f"place {name}", -1, one) for name, one in zip("AB", surfaces, strict=False)]
 
 
-def _rows(
-    device: Device, mesh: Mesh, udim: int, views: list[RegionView], skin: AgedSkin
-) -> list[list[Panel]]:
-    resolution = resolution_for([view.scale for view in views], skin.spacing)
+def _rows(device: Device, mesh: Mesh, places: SheetPlaces, skin: AgedSkin) -> list[list[Panel]]:
+    resolution = resolution_for([view.scale for view in places.views], skin.spacing)
     settings = skin.settings.changed({"resolution": resolution})
     with (
         share_bar(f"regions, age {skin.age:g}") as show,
         resident(device, mesh, skin.graph, settings) as asset,
     ):
-        heights = drawn_under(asset, udim, [view.surface for view in views], show)
+        heights = drawn_under(asset, places.udim, [v.surface for v in places.views], show)
     return [
         [
             patch_panel(
                 f"{view.region.replace('_', ' ')}, {skin.age:g} years, {light:g}°",
                 view.surface, heights, light, SIDE_MM,
             )
-            for view in views
+            for view in places.views
         ]
         for light in LIGHTS
     ]  # fmt: skip

@@ -34,11 +34,10 @@ from rhytid.support.console import check_suffix, make_place, share_bar, working
 
 if TYPE_CHECKING:
     from rhytid.baking.run_warnings import RunWarnings
-    from rhytid.cli.preview import AgedSkin
+    from rhytid.cli.preview import AgedSkin, SheetPlaces
     from rhytid.device.runtime import Device
     from rhytid.domain.expressions import Expressions, Folds
     from rhytid.domain.mesh import Mesh
-    from rhytid.domain.painted_maps import Controls
     from rhytid.synthesis.generate import Synthesis
 
 GRAPH = ".safetensors"
@@ -129,8 +128,11 @@ def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     if folds is not None:
         _draw_lines(mesh, folds, arguments.preview)
     if arguments.ages or (folds is not None and folds.regions) or painted_regions(controls):
+        from rhytid.cli.preview import SheetPlaces
+
         skins = (_aged(grow, made, settings, replace(settings, age=a), unit) for a in ages)
-        _draw_regions(device, mesh, folds, controls, skins, arguments.preview)
+        places = SheetPlaces.of(mesh, folds, controls, unit)
+        _draw_regions(device, mesh, places, skins, arguments.preview, warnings)
 
 
 def _folds(
@@ -157,14 +159,24 @@ def _draw_lines(mesh: Mesh, folds: Folds, preview: Path) -> None:
 def _draw_regions(
     device: Device,
     mesh: Mesh,
-    folds: Folds | None,
-    controls: Controls | None,
+    places: SheetPlaces,
     skins: Iterable[AgedSkin],
     preview: Path,
+    warnings: RunWarnings,
 ) -> None:
+    """Draw the picture of regions beside the preview; say so where it shows none, or where not even
+    a patch without one fits."""
     from rhytid.cli.preview import write_region_sheet
 
-    write_region_sheet(device, mesh, folds, controls, skins, preview.with_suffix(".regions.png"))
+    file = preview.with_suffix(".regions.png")
+    if not places.known:
+        shows = "shows its flattest places" if places.views else "is not written: no patch is flat"
+        warnings.note(
+            "neither painted masks nor expressions of known names show regions of the mesh: "
+            f"{file.name} {shows}"
+        )
+    if places.views:
+        write_region_sheet(device, mesh, places, skins, file)
 
 
 def _aged(

@@ -139,11 +139,22 @@ def surface_patch(
     """
     local = frame.local(corners)
     near = _near(local, side, _DEPTH * side if deep is None else deep)
-    local, uv = local[near], np.asarray(triangle_uv, np.float64)[near]
+    around = None if normals is None else np.asarray(normals, np.float64)[near] @ frame.axes.T
+    uv = np.asarray(triangle_uv, np.float64)[near]
+    return _patch(local[near], uv, around, side, pixels)
+
+
+def _patch(
+    local: NDArray[np.float64],
+    uv: NDArray[np.float64],
+    around: NDArray[np.float64] | None,
+    side: float,
+    pixels: int,
+) -> SurfacePatch:
+    """As `surface_patch`, of the triangles near it and their normals, both in its frame."""
     flat = _unit(np.cross(local[:, 1] - local[:, 0], local[:, 2] - local[:, 0]))
-    around = np.repeat(flat[:, None], 3, axis=1)
-    if normals is not None:
-        around = np.asarray(normals, np.float64)[near] @ frame.axes.T
+    if around is None:
+        around = np.repeat(flat[:, None], 3, axis=1)
     points = local[..., :2] * (1, -1) * (pixels / side) + pixels / 2
     seen = rasterize(points, pixels, pixels, local[..., 2])
     form, depth = _unit(seen.smooth(around)), seen.smooth(local[..., 2:])[..., 0]
@@ -158,36 +169,35 @@ def whole_picture(
     positions: (V, 3).  maps: UDIMs and their displacement (R, R), row 0 at the top, taken one by
     one.  pixels: a multiple of _SQUARES.
     """
-    fine, low, high = pixels * _SUPERSAMPLING, positions.min(axis=0), positions.max(axis=0)
-    normals, side = vertex_normals(positions, mesh.faces), _MARGIN * float((high - low).max())
+    fine = pixels * _SUPERSAMPLING
+    normals = vertex_normals(positions, mesh.faces)
     found = np.full((fine, fine, 3), 255, np.uint8)
     nearest = np.full((fine, fine), -np.inf)
     for udim, displacement in maps:
-        inside = triangles_inside(mesh, udim)
-        faces, uv = mesh.faces[inside], mesh.triangle_uv()[inside] - udim_origin(udim)
-        corners, around = positions[faces], normals[faces]
-        for where, right, up in _squares(fine, side):
-            frame = Frame((low + high) / 2.0 + (right, up, 0.0), np.eye(3))
-            edge = side / _SQUARES
-            near = _near(frame.local(corners), edge, side)
-            if not len(near):
-                continue
-            given = corners[near], uv[near], frame, edge, fine // _SQUARES, around[near], side
-            patch = surface_patch(*given)
+        for where, patch in _squares(mesh, udim, positions, normals, fine):
             nearer = patch.seen.covered & (patch.depth > nearest[where])
             shown = patch.picture(displacement, _WHOLE_LIGHT, form=True)
             found[where][nearer], nearest[where][nearer] = shown[nearer], patch.depth[nearer]
     return to_picture(downsample(found / 255.0, _SUPERSAMPLING))
 
 
-def _squares(pixels: int, side: float) -> Iterator[tuple[tuple[slice, slice], float, float]]:
-    """Squares of a picture, which take less memory one by one than all of it: their pixels, and
-    how far right and up of its middle theirs are."""
-    edge = pixels // _SQUARES
-    middles = [((n + 0.5) / _SQUARES - 0.5) * side for n in range(_SQUARES)]
+def _squares(
+    mesh: Mesh, udim: int, positions: NDArray[Any], normals: NDArray[np.float64], pixels: int
+) -> Iterator[tuple[tuple[slice, slice], SurfacePatch]]:
+    """The patches of a UDIM, and their pixels in a picture of the whole mesh, of which they take
+    less memory one by one than it would at once."""
+    inside = triangles_inside(mesh, udim)
+    faces, uv = mesh.faces[inside], mesh.triangle_uv()[inside] - udim_origin(udim)
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    side, step = _MARGIN * float((high - low).max()), pixels // _SQUARES
+    edge = side / _SQUARES
     for row, column in itertools.product(range(_SQUARES), repeat=2):
-        rows, columns = (slice(n * edge, (n + 1) * edge) for n in (row, column))
-        yield (rows, columns), middles[column], -middles[row]
+        up, right = (((n + 0.5) / _SQUARES - 0.5) * side for n in (row, column))
+        local = positions[faces] - ((low + high) / 2.0 + (right, -up, 0.0))
+        near = _near(local, edge, side)
+        if len(near):
+            rows, columns = (slice(n * step, (n + 1) * step) for n in (row, column))
+            yield (rows, columns), _patch(local[near], uv[near], normals[faces[near]], edge, step)
 
 
 def _near(local: NDArray[np.float64], side: float, deep: float) -> NDArray[np.int64]:
