@@ -74,6 +74,7 @@ def test_a_small_resolution_needs_no_tile_size() -> None:
 def test_the_graph_comes_as_safetensors(client: httpx.Client, asset: str) -> None:
     response = client.get(f"/v1/assets/{asset}/graph")
     graph = read_graph(response.content)
+    assert response.headers["content-length"] == str(len(response.content))
     assert graph.wrinkles == client.get(f"/v1/assets/{asset}").json()["wrinkles"]
     sent = {**upload(depth=0.5), "graph": ("graph.safetensors", response.content)}
     assert post(client, sent).status_code in (200, 202)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Stiffness
 from rhytid.errors import NotFoundError, StorageError
+from rhytid.formats.graphs import write_graph
 from rhytid.storage.canonical import hashed
 from rhytid.storage.records import StoredRequest, read_overlay, write_overlay
 from rhytid.storage.store import AssetStore
@@ -47,6 +49,32 @@ def test_asset_comes_back_after_reopening(
     assert same_graph(kept.graph, graph)
     assert kept.settings == settings
     assert kept.extra == {"spacing": 0.1, "note": "é"}
+
+
+def test_a_large_graph_is_stored_without_a_copy_of_it(
+    folder: Path, mesh: Mesh, settings: AssetSettings
+) -> None:
+    nodes = np.arange(1 << 18)
+    graph = WrinkleGraph(
+        node_uv=np.random.default_rng(5).uniform(0, 1, (len(nodes), 2)),
+        node_weight=np.full(len(nodes), 0.5),
+        node_radius=np.full(len(nodes), 1e-3),
+        edge_nodes=np.stack([nodes, np.roll(nodes, 1)], axis=1),
+        edge_weight=np.full(len(nodes), 0.5),
+        edge_half_width=np.full(len(nodes), 1e-3),
+    )
+    content, nbytes = write_graph(graph), sum(array.nbytes for array in graph.arrays().values())
+    with AssetStore(folder) as store:
+        tracemalloc.start()
+        try:
+            store.put_request(OTHER, StoredRequest(mesh, settings, graph))
+            store.put_asset(ID, mesh, graph, settings, {})
+            peak = tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+    written = {path.read_bytes() for path in folder.rglob("graph.safetensors")}
+    assert written == {content}
+    assert peak < nbytes / 8
 
 
 def test_stiffness_comes_back_of_requests_and_assets(

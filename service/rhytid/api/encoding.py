@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -232,15 +232,16 @@ def answer_stored(
     request: Request,
     kind: str,
     content: Callable[[], AssetContent],
-    write: Callable[[], bytes | Iterable[bytes]],
+    write: Callable[[], list[bytes | memoryview] | Iterator[bytes]],
     media_type: str,
     slot: AbstractContextManager[None],
     memory: RequestMemory,
 ) -> Response:
     """What is stored of an asset, written as `kind`; 304 where the client has it.
 
-    content: what there is now.  write: the file, or its lines one after the other. Only writing
-    takes a slot; raises BusyError, and what `RequestMemory.answer` does.
+    content: what there is now.  write: the file in pieces, or its lines one after the other, whose
+    length is not known before. Only writing takes a slot; raises BusyError, and what
+    `RequestMemory.answer` does.
     """
     wanted = content()
     headers = {"ETag": etag(wanted.key, kind, __version__), "Cache-Control": "no-cache"}
@@ -251,7 +252,8 @@ def answer_stored(
         body = write()
     if content().key != wanted.key:  # changed while it was written
         headers = {"Cache-Control": "no-store"}
-    if isinstance(body, bytes):
-        hold.resize(len(body))
-        return Response(body, headers=headers, media_type=media_type)
+    if isinstance(body, list):
+        nbytes = sum(map(len, body))
+        hold.resize(nbytes)
+        headers["Content-Length"] = str(nbytes)
     return StreamingResponse(body, headers=headers, media_type=media_type)

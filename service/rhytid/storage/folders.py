@@ -11,7 +11,7 @@ from types import MappingProxyType
 from rhytid.errors import NotFoundError, StorageError
 from rhytid.storage.homes import checked_id, holds_homes, holds_something, homes, sweep
 from rhytid.storage.lock import LOCK, FolderLock
-from rhytid.storage.manifest import write_with_manifest
+from rhytid.storage.manifest import Content, write_with_manifest
 from rhytid.support import atomic_files
 from rhytid.support.atomic_files import is_folder, storage_errors
 from rhytid.support.ownership import (
@@ -106,7 +106,7 @@ class StoreFolders:
         self,
         home: Path,
         kind: str,
-        files: Mapping[str, bytes],
+        files: Mapping[str, Content],
         before: Mapping[str, bytes] = _NOTHING,
     ) -> bool:
         """Write `files` with a manifest as home/kind; return False, and do nothing, where home/kind

@@ -7,7 +7,7 @@ of any byte of any file in the folder, its own included, is seen.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,8 @@ from rhytid.storage.homes import MANIFEST
 from rhytid.support import cancellation
 from rhytid.support.atomic_files import storage_errors, sync_folder, write_file, write_pieces
 
+# The bytes of a file, or pieces of them, which may be views of what they are made of.
+Content = bytes | Sequence[bytes | memoryview]
 FORMAT = 1
 # Bytes that are in memory at a time.
 _PIECE = 1 << 20
@@ -30,12 +32,13 @@ class StoredFile:
     sha256: str
 
     @classmethod
-    def of(cls, data: bytes) -> StoredFile:
-        """The size and SHA-256 of a file with these bytes."""
-        digest = hashlib.sha256()
-        for piece in _pieces(data):
+    def of(cls, content: Content) -> StoredFile:
+        """The size and SHA-256 of a file with this content."""
+        digest, nbytes = hashlib.sha256(), 0
+        for piece in _pieces(content):
             digest.update(piece)
-        return cls(len(data), digest.hexdigest())
+            nbytes += len(piece)
+        return cls(nbytes, digest.hexdigest())
 
     @classmethod
     def read(cls, path: Path) -> StoredFile:
@@ -60,21 +63,23 @@ class StoredFile:
         return cls(int(fact["bytes"]), str(fact["sha256"]))
 
 
-def write_with_manifest(folder: Path, label: str, files: Mapping[str, bytes]) -> None:
+def write_with_manifest(folder: Path, label: str, files: Mapping[str, Content]) -> None:
     """Write `files` and their manifest into the new folder `folder` and sync all of it.
 
     `label` names the folder, so that one that was moved to a wrong place is detected.
     """
     folder.mkdir()
-    for name, data in files.items():
-        write_pieces(folder / name, _pieces(data))
-    seal(folder, label, {name: StoredFile.of(data) for name, data in files.items()})
+    for name, content in files.items():
+        write_pieces(folder / name, _pieces(content))
+    seal(folder, label, {name: StoredFile.of(content) for name, content in files.items()})
 
 
-def _pieces(data: bytes) -> Iterator[memoryview]:
+def _pieces(content: Content) -> Iterator[memoryview]:
     """Some bytes at a time, unless the work of this thread is to stop."""
-    view = memoryview(data)
-    return cancellation.check_each(view[at : at + _PIECE] for at in range(0, len(view), _PIECE))
+    views = [memoryview(one) for one in ([content] if isinstance(content, bytes) else content)]
+    return cancellation.check_each(
+        view[at : at + _PIECE] for view in views for at in range(0, len(view), _PIECE)
+    )
 
 
 def seal(folder: Path, label: str, files: Mapping[str, StoredFile]) -> None:

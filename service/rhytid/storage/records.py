@@ -21,11 +21,11 @@ from rhytid.domain.painted_maps import Controls, Stiffness
 from rhytid.domain.residual import Residual, ScanRelief
 from rhytid.domain.warnings import InputWarning
 from rhytid.errors import InputError, LimitError, StoreFormatError
-from rhytid.formats.graphs import read_graph, write_graph
+from rhytid.formats.graphs import graph_pieces, read_graph
 from rhytid.storage.asset_ids import mesh_arrays
 from rhytid.storage.canonical import canonical, damaged, hashed, parse_canonical, parse_hashed
 from rhytid.storage.homes import ASSET, OVERLAY
-from rhytid.storage.manifest import read_file
+from rhytid.storage.manifest import Content, read_file
 from rhytid.support.atomic_files import storage_errors
 
 T = TypeVar("T")
@@ -58,7 +58,7 @@ class StoredRequest:
     scan: ScanRelief | None = None
     noted: tuple[InputWarning, ...] = ()
 
-    def files(self) -> dict[str, bytes]:
+    def files(self) -> dict[str, Content]:
         """The files of the request, by name."""
         facts: dict[str, Any] = {"settings": self.settings.as_json()}
         if self.noted:
@@ -97,7 +97,7 @@ class StoredAsset:
     stiffness: Stiffness | None = None
     residual: Residual | None = None
 
-    def files(self) -> dict[str, bytes]:
+    def files(self) -> dict[str, Content]:
         """The files of the asset, by name."""
         facts = {"settings": self.settings.as_json(), "extra": self.extra, OVERLAID: True}
         return _files(self.mesh, self.graph, facts, self.stiffness, self.residual)
@@ -148,10 +148,10 @@ def _files(
     facts: dict[str, Any],
     stiffness: Stiffness | None,
     residual: Residual | None,
-) -> dict[str, bytes]:
-    files = {FACTS: canonical(facts), MESH: write_mesh(mesh)}
+) -> dict[str, Content]:
+    files: dict[str, Content] = {FACTS: canonical(facts), MESH: write_mesh(mesh)}
     if graph is not None:
-        files[GRAPH] = write_graph(graph)
+        files[GRAPH] = list(graph_pieces(graph))
     if stiffness is not None:
         files[STIFFNESS] = _packed(stiffness.arrays())
     if residual is not None:

@@ -3,7 +3,7 @@ other servers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 from functools import partial
 from typing import Annotated, Any
 
@@ -26,7 +26,7 @@ from rhytid.api.schemas import Asset, GraphQuery, MeshQuery
 from rhytid.api.uploads import TAR
 from rhytid.exports.curves import CURVE_FORMATS, curve_format
 from rhytid.exports.meshes import MESH_FORMATS, flat_mesh, mesh_format
-from rhytid.formats.graphs import write_graph
+from rhytid.formats.graphs import graph_pieces
 from rhytid.storage.snapshots import OpenFile
 
 SAFETENSORS = "application/vnd.safetensors"
@@ -56,9 +56,9 @@ def graph(
     USD text."""
     kind = None if query.format == "safetensors" else curve_format(query.format)
 
-    def write() -> bytes | Iterable[bytes]:
+    def write() -> list[bytes | memoryview] | Iterator[bytes]:
         if kind is None:
-            return write_graph(engine.assets.graph(asset), {"asset": asset})
+            return list(graph_pieces(engine.assets.graph(asset), {"asset": asset}))
         return kind.write(engine.assets.curves(asset), engine.assets.info(asset).settings["unit"])
 
     media_type = SAFETENSORS if kind is None else kind.media_type
@@ -87,8 +87,8 @@ def mesh(
     kind = mesh_format(query.format)
     content = partial(engine.assets.content, asset)
 
-    def write() -> bytes:
-        return kind.write(flat_mesh(engine.assets.mesh(asset)))
+    def write() -> list[bytes | memoryview]:
+        return [kind.write(flat_mesh(engine.assets.mesh(asset)))]
 
     return answer_stored(request, query.format, content, write, kind.media_type, slot, memory)
 
