@@ -63,12 +63,16 @@ def test_mistakes_are_told_with_their_place(
     (tmp_path / "empty").mkdir()
     (tmp_path / "bad").mkdir()
     write_obj(tmp_path / "bad" / "smile.obj", small_mesh.positions[:7])
+    (tmp_path / "offsets").mkdir()
+    for name, shape in zip("ab", shapes_of(small_mesh) - small_mesh.positions, strict=True):
+        write_obj(tmp_path / "offsets" / f"{name}.obj", 0.5 * shape)
     out = str(tmp_path / "g.safetensors")
     for more, told in (
         (["--lines", "expressions"], 'graph.lines is "expressions", and none came'),
         (["--shapes", str(tmp_path / "few.npy")], "few.npy: frames have shape (2, 5, 3)"),
         (["--shapes", str(tmp_path / "empty")], "empty holds no OBJ files"),
         (["--shapes", str(tmp_path / "bad")], "smile.obj: frame has 7 vertices"),
+        (["--shapes", str(tmp_path / "offsets")], "offsets: no shape is 20 % as large as the mesh"),
     ):
         assert main(["synthesize", neutral, "--out", out, *more]) != 0
         assert told in capsys.readouterr().err

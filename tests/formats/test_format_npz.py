@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tracemalloc
 import zipfile
 from contextlib import suppress
@@ -99,6 +100,19 @@ def test_a_file_of_shapes_without_any_says_what_may_be_meant() -> None:
         with pytest.raises(FrameError, match=rf"neither.*'{name}' \(did you mean shapes\?\)"):
             read_npz_expressions(npz(**{name: FRAMES}), len(SQUARE))
     assert len(read_npz_expressions(npz(frames=FRAMES), len(SQUARE))) == len(FRAMES)
+
+
+def test_arrays_of_expressions_by_any_name_say_how_they_are_given() -> None:
+    told = r"'expr_deltas' \(3 expressions\? give their positions of all 4 vertices as shapes, "
+    (warning,), notes = unread(changed(expr_deltas=FRAMES, expr_names=np.array(["a", "b", "c"])))
+    assert warning.code == ARRAYS_UNUSED
+    assert re.search(told, warning.detail)
+    assert notes == ("the mesh file has arrays that are not read: 'expr_names'",)
+    assert unread(changed(expr_deltas=FRAMES, shapes=FRAMES))[0] == ()
+    for other in (FRAMES[:, :3], FRAMES[..., :2], SQUARE, np.array([[["a"]]])):
+        assert unread(changed(expr_deltas=other))[0] == ()
+    with pytest.raises(FrameError, match=told):
+        read_npz_expressions(npz(expr_deltas=FRAMES), len(SQUARE))
 
 
 def test_shapes_that_are_offsets_are_refused() -> None:

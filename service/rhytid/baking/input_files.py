@@ -62,21 +62,31 @@ def frame_set(
 
 def shape_files(place: Path | None, mesh: MeshFile, clip: Clip | None = None) -> Expressions | None:
     """Read expressions from a file, or from the OBJ files of a folder by their names; without a
-    place, those of the mesh file."""
+    place, those of the mesh file. Raises InputError where they are offsets."""
     if place is None:
         return mesh.expressions
-    vertices, centre = len(mesh.mesh.positions), mesh.mesh.centre
-    if not place.is_dir():
-        if is_cache(place):
-            return frame_set(place, vertices, centre, clip).expressions(vertices)
+    if place.is_dir():
+        found = _shape_folder(place, mesh.mesh)
+    elif is_cache(place):
+        vertices = len(mesh.mesh.positions)
+        found = frame_set(place, vertices, mesh.mesh.centre, clip).expressions(vertices)
+    else:
         with _named(place):
             check_shape_file(place)
             return read_expressions(place.read_bytes(), place.name, mesh.mesh)
+    with _named(place):
+        found.check_size(mesh.mesh.positions)
+    return found
+
+
+def _shape_folder(place: Path, mesh: Mesh) -> Expressions:
+    """The expressions of the OBJ files of a folder, by their names."""
     every = sorted(f for f in place.iterdir() if f.suffix.lower() == ".obj" and f.is_file())
     if not every:
         raise InputError(f"{place} holds no OBJ files")
     files = [every[i] for i in evenly_spaced(len(every))]
-    read = [frame_file(file, vertices, centre)[0] for file in files]
+    vertices = len(mesh.positions)
+    read = [frame_file(file, vertices, mesh.centre)[0] for file in files]
     return Expressions.checked(np.stack(read), vertices, [file.stem for file in files])
 
 

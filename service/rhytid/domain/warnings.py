@@ -271,8 +271,14 @@ WARNINGS: dict[str, Meaning] = {
     ),
     ARRAYS_UNUSED: Meaning(
         "an npz that is sent as a mesh",
-        "it has arrays that are not read, whose names are nearly those of some that are not there",
-        "call them as the text has it, `frames` or `shapes` with `names`",
+        (
+            "it has arrays that are not read, whose names are nearly those of some that are not "
+            "there, or which have three numbers for each vertex, as expressions have"
+        ),
+        (
+            "call them as the text has it, `frames` or `shapes` with `names`; offsets are first "
+            "added to the positions of the mesh"
+        ),
     ),
     DEVICES_MIXED: Meaning(
         "a bake",

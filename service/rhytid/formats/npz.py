@@ -47,8 +47,8 @@ class NpzMesh:
     """What a .npz file with a mesh holds.
 
     frames: (N, V, 3) or None.  unused: warnings of members that nothing reads and whose names are
-    nearly those of members that would be read and are not there.  notices: of other members that
-    nothing reads: `uv2` beside `uv` is no slip.
+    nearly those of members that would be read and are not there, or whose shape is that of
+    expressions.  notices: of other members that nothing reads: `uv2` beside `uv` is no slip.
     """
 
     mesh: Mesh
@@ -76,12 +76,12 @@ def read_npz(data: bytes) -> NpzMesh:
     if "shapes" in archive:
         shapes = _shapes(archive.raising(FrameError), vertices, mesh.centre)
         shapes.check_size(mesh.positions)
-    return NpzMesh(mesh, frames, shapes, *_unread(archive))
+    return NpzMesh(mesh, frames, shapes, *_unread(archive, vertices))
 
 
-def _unread(archive: Archive) -> tuple[tuple[InputWarning, ...], tuple[Notice, ...]]:
+def _unread(archive: Archive, vertices: int) -> tuple[tuple[InputWarning, ...], tuple[Notice, ...]]:
     """Warnings and notices of the members of a mesh that nothing reads."""
-    slips, others = _slips(archive, _OPTIONAL)
+    slips, others = _slips(archive, _OPTIONAL, vertices)
     detail = f"not read: {_told(slips)}; arrays of a mesh are {', '.join(_MEMBERS)}"
     warning = InputWarning(ARRAYS_UNUSED, detail, "the mesh file")
     notice = Notice(
@@ -90,15 +90,34 @@ def _unread(archive: Archive) -> tuple[tuple[InputWarning, ...], tuple[Notice, .
     return (warning,) if slips else (), (notice,) if others else ()
 
 
-def _slips(archive: Archive, wanted: Iterable[str]) -> tuple[list[str], list[str]]:
+def _slips(archive: Archive, wanted: Iterable[str], vertices: int) -> tuple[list[str], list[str]]:
     """Members that nothing reads: likely slips for those of the wanted that are not there, as they
     are told, and the names of others."""
     missing = [name for name in wanted if name not in archive]
     strange = [name for name in archive if name not in _MEMBERS]
-    short = (name for name in strange[:_LOOKED_AT] if len(name) <= _LONGEST)
-    meant = {name: near for name in short if (near := _meant(name.lower(), missing))}
-    slips = [f"{_quoted(name)} (did you mean {near}?)" for name, near in meant.items()]
+    short = [name for name in strange[:_LOOKED_AT] if len(name) <= _LONGEST]
+    meant = {
+        name: f"did you mean {near}?" for name in short if (near := _meant(name.lower(), missing))
+    }
+    if "shapes" in missing:
+        others = [name for name in short if name not in meant]
+        meant.update(_expressions(archive, others[:_TOLD], vertices))
+    slips = [f"{_quoted(name)} ({what})" for name, what in meant.items()]
     return slips, [name for name in strange if name not in meant]
+
+
+def _expressions(archive: Archive, names: Iterable[str], vertices: int) -> dict[str, str]:
+    """What is told of members with three numbers for each vertex, as expressions have them, by
+    whatever name: whether these are positions or offsets is not known here."""
+    shapes = {name: archive.shape(name) for name in names}
+    return {
+        name: (
+            f"{shape[0]} expressions? give their positions of all {vertices} vertices as shapes, "
+            "with names; offsets are to be added to those of the mesh"
+        )
+        for name, shape in shapes.items()
+        if shape is not None and len(shape) == 3 and shape[1:] == (vertices, 3)
+    }
 
 
 def _meant(name: str, missing: Sequence[str]) -> str | None:
@@ -162,7 +181,7 @@ def read_npz_expressions(data: bytes, vertices: int, centre: Centre = ORIGIN) ->
     if "frames" in archive:
         # These are less the centre already.
         return Expressions.checked(_frames(archive, vertices, centre), vertices)
-    slips, others = _slips(archive, ("shapes", "frames"))
+    slips, others = _slips(archive, ("shapes", "frames"), vertices)
     known = [name for name in _MEMBERS if name in archive]
     held = _told(slips, [*others, *known]) or "nothing"
     raise FrameError(f"the archive has neither 'shapes' nor 'frames'; it has {held}")

@@ -94,6 +94,16 @@ class Archive:
         except _DAMAGE as exc:
             raise self._error(f"{name} cannot be unpacked: {exc}") from exc
 
+    def shape(self, name: str) -> tuple[int, ...] | None:
+        """The shape of a member by its header alone; None where it is no array of numbers that can
+        be read."""
+        info = self._members[name]
+        try:
+            with self._zip.open(info) as stream:
+                return read_npy_header(stream.read(MAX_HEADER), name, self._error).shape
+        except (*_DAMAGE, self._error):
+            return None
+
     def unpacked(self, names: Iterable[str]) -> int:
         """Bytes of the named members once they are unpacked, by the directory of the archive; names
         that are not there do not count."""
