@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import rhytid_kernels
-from rhytid.device import driver
+from rhytid.device import driver, watch
 from rhytid.device.driver import cl
 from rhytid.device.select import Candidate
 from rhytid.errors import DeviceError, KernelBuildError
@@ -61,10 +61,6 @@ class Programs:
         thread; raises what `kernel` does, and FileNotFoundError where there is no such program."""
         self._program(program, tuple(sorted(defines.items())))
 
-    def has(self, program: str) -> bool:
-        """Whether a program is built, with whatever defines."""
-        return any(name == program for name, _ in list(self._programs))
-
     def begin_noting(self) -> None:
         """Forget what `noted` has."""
         self._noted = {}
@@ -77,6 +73,7 @@ class Programs:
     def _program(self, name: str, defines: _Defines) -> Any:
         key = (name, defines)
         if key not in self._programs:
+            watch.tell_of_compiling()  # by this thread or by another, for which it waits
             with self._building.setdefault(key, threading.Lock()):
                 if key not in self._programs:
                     options = [

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -92,6 +92,7 @@ class Report:
 
 _NOTHING = Purpose()
 _purpose: ContextVar[Purpose] = ContextVar("purpose", default=_NOTHING)
+_tell: ContextVar[Callable[[], None] | None] = ContextVar("tell", default=None)
 _report: Report | None = None
 _limit = 0.0
 
@@ -110,6 +111,23 @@ def used_for(purpose: Purpose) -> Iterator[None]:
         yield
     finally:
         _purpose.reset(token)
+
+
+@contextmanager
+def telling_of_compiling(tell: Callable[[], None]) -> Iterator[None]:
+    """Have `tell` called whenever work of the block begins to wait for a program to be compiled, on
+    the thread that waits. It must not block."""
+    token = _tell.set(tell)
+    try:
+        yield
+    finally:
+        _tell.reset(token)
+
+
+def tell_of_compiling() -> None:
+    """The work of this thread begins to wait for a program to be compiled."""
+    if (tell := _tell.get()) is not None:
+        tell()
 
 
 @contextmanager

@@ -63,8 +63,16 @@ class Job:
         """Report how far the job is; raises what `check` does."""
         self.check()
         share = min(max(share, self.info.progress), 1.0)
-        told = "; ".join(filter(None, (self._note, detail)))
-        self.update(progress=share, stage=stage, detail=told)
+        self.update(progress=share, stage=stage, detail=self._noted(detail))
+
+    def tell(self, detail: str) -> None:
+        """Say what the present step waits for, unless the job has ended. From any thread."""
+        with self._lock:
+            if self._info.state == "running":
+                self._info = replace(self._info, detail=self._noted(detail))
+
+    def _noted(self, detail: str) -> str:
+        return "; ".join(filter(None, (self._note, detail)))
 
     def check(self) -> None:
         """Raise CancelledError where the job was cancelled, LimitError where its work takes longer

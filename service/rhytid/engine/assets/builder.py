@@ -12,6 +12,7 @@ from dataclasses import asdict, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+from rhytid.device import watch
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
 from rhytid.domain.graph import GraphOrigin, WrinkleGraph
@@ -160,16 +161,15 @@ class AssetBuilder:
         settings = asset.settings
         addresses = [a for udim in asset.udims for a in settings.grid.addresses(udim, 0)]
         for done, address in enumerate(addresses):
-            # Those of the blend are the last that the first tile needs.
-            compiling = "" if self._device.programs.has("blend") else ", compiling kernels"
-            told = f"tile {done + 1} of {len(addresses)}{compiling}"
+            told = f"tile {done + 1} of {len(addresses)}"
             job.progress(done / len(addresses), "making bins", told)
             job.give_way()
             if asset.settings != settings:
                 return
-            self._on_device.make_bins(asset, address)
-            if done == 0:
-                self._warm_up(asset, settings, address)
+            with watch.telling_of_compiling(partial(job.tell, f"{told}, compiling kernels")):
+                self._on_device.make_bins(asset, address)
+                if done == 0:
+                    self._warm_up(asset, settings, address)
 
     def _warm_up(self, asset: Asset, settings: AssetSettings, address: TileAddress) -> None:
         """Compile the kernels that blend a tile whose maps are made, in tasks between which others
