@@ -22,7 +22,7 @@ from rhytid.errors import StorageError, StrictError
 from rhytid.exports.textures.profiles import profiles_of
 from rhytid.formats.exr import read_exr
 from rhytid.formats.meshes import MeshFile
-from rhytid.support.console import Stopwatch
+from rhytid.support.console import Stopwatch, Verbosity, use_verbosity
 
 SQUARE = Mesh(
     positions=[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]],
@@ -152,11 +152,18 @@ def test_files_that_will_be_replaced_are_told_before_one_is(
     assert "replaced" not in capsys.readouterr().err
     before = {name: (tmp_path / name).read_bytes() for name in maps(tmp_path)}
     engine.failing_after = len(engine.drawn)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt), use_verbosity(Verbosity(quiet=True)):
         bake(engine, tmp_path, [0.5, 0.25], method="binned")
     told = capsys.readouterr().err
-    assert f"notice: {tmp_path / 'face.1001.0001.exr'} is not what is asked for" in told
+    first = tmp_path / "face.1001.0001.exr"
+    assert f"warning: files-replaced: the bake: {first} is not what is asked for" in told
     assert told.count("it is replaced, and so are others like it") == 1
+    assert {name: (tmp_path / name).read_bytes() for name in maps(tmp_path)} == before
+    engine.failing_after = None
+    strict = baker(engine, tmp_path, [0.5, 0.25], method="binned")
+    strict.warnings = RunWarnings("bake", True)
+    with pytest.raises(StrictError, match="--allow files-replaced"):
+        strict.run()
     assert {name: (tmp_path / name).read_bytes() for name in maps(tmp_path)} == before
 
 
@@ -226,7 +233,8 @@ def interrupted_after_one(places: Sequence[FramePlace]) -> Iterator[FramePlace]:
 
 
 def mixed(done: Baker) -> list[str]:
-    return [one.code for one in done.warnings.found]
+    """The warnings of a bake, but for that of files which it draws anew."""
+    return [one.code for one in done.warnings.found if one.code != "files-replaced"]
 
 
 def test_parts_that_two_devices_draw_are_told(engine: FakeEngine, tmp_path: Path) -> None:

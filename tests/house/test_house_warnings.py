@@ -28,6 +28,7 @@ NUMBERS = {
     limits.SETTINGS_CHANGED: (),
     limits.SETTINGS_UNUSED: (),
     limits.ARRAYS_UNUSED: (),
+    limits.FILES_REPLACED: (),
     limits.DEVICES_MIXED: (),
     limits.PATCH_SIZE: (),
     limits.SCAN_DEPTH: (

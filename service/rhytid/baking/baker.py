@@ -41,11 +41,6 @@ if TYPE_CHECKING:
 
 # Frames that are drawn before the first of them is written, at least.
 _AHEAD = 3
-# What is told of a file that is there.
-_REPLACED = (
-    "{file} is not what is asked for: it was baked by another method, with other settings or "
-    "frames, or changed since; it is replaced, and so are others like it"
-)
 # Bytes of the displacement of a texel, and again in what a surface is made from.
 _DISPLACEMENT = 4
 
@@ -202,7 +197,7 @@ class Baker:
             self.skipped += 1
         elif file.exists():
             if not self.replaced:  # told once, before the first of them is written
-                self.warnings.note(_REPLACED.format(file=file))
+                self.warnings.replaces(file)
             self.replaced += 1
         return done
 

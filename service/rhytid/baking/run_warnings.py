@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, replace
+from pathlib import Path
 
 from rhytid.baking.frames import FrameFiles
 from rhytid.domain.asset_settings import AssetSettings
@@ -14,6 +15,7 @@ from rhytid.domain.mesh_warnings import FrameCheck, mesh_warnings
 from rhytid.domain.notices import Notice, spacing_of_count
 from rhytid.domain.warnings import (
     DEVICES_MIXED,
+    FILES_REPLACED,
     SCAN_FILL,
     SCAN_LINES,
     SETTINGS_CHANGED,
@@ -77,6 +79,15 @@ class RunWarnings:
     def frame(self, warnings: Iterable[InputWarning], name: str) -> None:
         """Warn of a frame that is used now. Raises StrictError."""
         self.add(replace(warning, where=f"frame {name}") for warning in warnings)
+        self.refuse()
+
+    def replaces(self, file: Path) -> None:
+        """Warn of the first file of a bake that will be replaced. Raises StrictError."""
+        detail = (
+            f"{file} is not what is asked for: it was baked by another method, with other settings "
+            "or frames, or changed since; it is replaced, and so are others like it"
+        )
+        self.add([InputWarning(FILES_REPLACED, detail, "the bake")])
         self.refuse()
 
     def drawn_by(self, names: Collection[str]) -> None:

@@ -23,6 +23,7 @@ CALIBRATION_STILL = "calibration-still"
 SETTINGS_CHANGED = "settings-changed"
 SETTINGS_UNUSED = "settings-unused"
 ARRAYS_UNUSED = "arrays-unused"
+FILES_REPLACED = "files-replaced"
 DEVICES_MIXED = "devices-mixed"
 PATCH_SIZE = "patch-size"
 SCAN_DEPTH = "scan-depth"
@@ -47,6 +48,7 @@ CODES = (
     SETTINGS_CHANGED,
     SETTINGS_UNUSED,
     ARRAYS_UNUSED,
+    FILES_REPLACED,
     DEVICES_MIXED,
     PATCH_SIZE,
     SCAN_DEPTH,
@@ -279,6 +281,14 @@ WARNINGS: dict[str, Meaning] = {
             "call them as the text has it, `frames` or `shapes` with `names`; offsets are first "
             "added to the positions of the mesh"
         ),
+    ),
+    FILES_REPLACED: Meaning(
+        "a bake",
+        (
+            "files are there under the names of its own, and were baked by another method, with "
+            "other settings or frames, or changed since; told before the first is replaced"
+        ),
+        "bake into another folder, or under another `--name`, to keep them",
     ),
     DEVICES_MIXED: Meaning(
         "a bake",
