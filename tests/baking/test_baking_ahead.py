@@ -23,7 +23,7 @@ from rhytid.baking.map_sources import Geometry, once
 from rhytid.baking.output import BakeRecord
 from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.engine.messages import TilePlan
-from rhytid.errors import StorageError
+from rhytid.errors import CancelledError, StorageError
 from rhytid.exports.textures import profiles
 from rhytid.exports.textures.profiles import PROFILES
 from rhytid.formats.exr import read_exr
@@ -357,6 +357,30 @@ def wait_until(true: Any) -> None:
             return
         ended.wait(0.01)
     raise AssertionError("not within the time that there is")
+
+
+def test_no_file_of_a_map_is_begun_after_an_error() -> None:
+    """Else all its profiles are waited for."""
+    writing, written = threading.Event(), []
+
+    def use(writers: FileWriters) -> Future[int]:
+        def write() -> int:
+            for name in ("float", "cavity"):
+                writers.check()
+                writing.set()
+                wait_until(writers._stopping.is_set)
+                written.append(name)
+            return 2
+
+        with suppress(KeyboardInterrupt), writers:
+            begun = writers.submit(write)
+            writing.wait(60)
+            raise KeyboardInterrupt
+        return begun
+
+    begun = use(FileWriters(1 << 20))
+    assert isinstance(begun.exception(), CancelledError)
+    assert written == ["float"]
 
 
 def test_a_signal_while_writers_are_waited_for_lets_them_end() -> None:

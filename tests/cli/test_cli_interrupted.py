@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rhytid.baking.farm import openjd_bundle
+from rhytid.cli.termination import GRACE, PATIENCE
 from rhytid_lab.samples.face import procedural_face
 
 # Words of `--verbose` at which a command is interrupted, while it works. Progress is printed a few
@@ -165,6 +167,50 @@ def test_a_call_that_does_not_return_is_ended_too(tmp_path: Path) -> None:
     assert (running.returncode, rest) == (130, "rhytid bake: interrupted\n")
     assert seconds < 1
     assert list(tmp_path.iterdir()) == []
+
+
+WRITING = """
+import hashlib, signal, sys
+from pathlib import Path
+from rhytid.cli import termination
+from rhytid.support.atomic_files import atomic_write
+termination.PATIENCE = float(sys.argv[2])
+with termination.interruptible() as interruption, atomic_write(Path(sys.argv[1])) as aside:
+    interruption.command = "bake"
+    aside.write_text("half of it")
+    try:
+        print("writing", file=sys.stderr, flush=True)
+        signal.pause()
+    finally:  # as a command that finishes what it writes, which takes a minute
+        print("finishing", file=sys.stderr, flush=True)
+        hashlib.pbkdf2_hmac("sha256", b"", b"", 100_000_000)
+"""
+
+
+@pytest.mark.parametrize(("signals", "patience"), [(2, 600), (1, 0.1)])
+def test_sigterm_again_or_after_its_time_ends_a_command_that_writes(
+    tmp_path: Path, signals: int, patience: float
+) -> None:
+    (tmp_path / "older.exr").write_text("whole")
+    for name in ("map.exr", "older.exr"):
+        command = [sys.executable, "-c", WRITING, str(tmp_path / name), str(patience)]
+        running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        with running:
+            assert running.stderr is not None
+            assert running.stderr.readline() == "writing\n"
+            running.send_signal(signal.SIGTERM)
+            assert running.stderr.readline() == "finishing\n"
+            if signals > 1:
+                running.send_signal(signal.SIGTERM)
+            said = running.stderr.read()
+        dropped = f"rhytid bake: dropped, not finished: {name}\n"
+        assert (running.returncode, said) == (143, f"{dropped}rhytid bake: cancelled by SIGTERM\n")
+    assert [one.name for one in tmp_path.iterdir()] == ["older.exr"]
+    assert (tmp_path / "older.exr").read_text() == "whole"
+
+
+def test_farms_wait_longer_for_a_task_than_it_takes() -> None:
+    assert openjd_bundle.NOTICE > PATIENCE + GRACE
 
 
 THREADS = """

@@ -29,6 +29,7 @@ from rhytid.baking.run_warnings import RunWarnings
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.engine.messages import AssetInfo, MapQuery
+from rhytid.errors import CancelledError
 from rhytid.exports.textures.frame_map import Facts, FrameMap
 from rhytid.exports.textures.profiles import Profile
 from rhytid.exports.textures.writers import write_parts
@@ -222,6 +223,7 @@ class Baker:
     def _write_maps(self, frame: _Frame, map: FrameMap, due: Sequence[_DueMap]) -> int:
         """Write the files of a map; on any thread."""
         for one in due:
+            frame.writers.check()
             with self.watch.step("write"):
                 if not self._copied(frame, one):
                     # By which readers know maps of another mesh.
@@ -324,7 +326,8 @@ class FileWriters:
     """Threads that write files, and the bytes that wait for them.
 
     limit: of the bytes.  ahead: frames that are drawn before the first of them is written, at most.
-    under_way: files that are being written by their keys, and the writing of each.
+    under_way: files that are being written by their keys, and the writing of each. Work that writes
+    several files asks `check` before each.
     """
 
     def __init__(self, limit: int) -> None:
@@ -332,20 +335,33 @@ class FileWriters:
         self.ahead = max(_AHEAD, core_count() + 1)
         self._pool = ThreadPoolExecutor(self.ahead, "rhytid-writer")
         self.under_way: dict[str, tuple[Path, Future[int]]] = {}
+        self._stopping = threading.Event()
 
     def __enter__(self) -> FileWriters:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *raised: object) -> None:
-        """Wait until everything is written; after an error, until what was begun is. A signal that
-        comes meanwhile is such an error: else its folder may be removed under a writer."""
+        """Wait until everything is written; after an error, until the files that were begun are. A
+        signal that comes meanwhile is such an error: else its folder may be removed under a
+        writer."""
         try:
-            # A copy waits for a file that was queued before it, so that is never cancelled under
-            # it.
-            self._pool.shutdown(cancel_futures=kind is not None)
+            if kind is None:
+                self._pool.shutdown()
         except BaseException:
-            self._pool.shutdown(cancel_futures=True)
+            self._stop()
             raise
+        if kind is not None:
+            self._stop()
+
+    def _stop(self) -> None:
+        self._stopping.set()
+        # A copy waits for a file that was queued before it, so that is never cancelled under it.
+        self._pool.shutdown(cancel_futures=True)
+
+    def check(self) -> None:
+        """Raise CancelledError where no more files are to be begun."""
+        if self._stopping.is_set():
+            raise CancelledError("the bake has ended")
 
     def note(self, files: Mapping[str, Path], writing: Future[int]) -> None:
         """Have files, by their keys, in `under_way` until they are written."""

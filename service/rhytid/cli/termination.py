@@ -1,8 +1,10 @@
 """SIGINT and SIGTERM as exceptions, so that temporary folders, stores and devices are released.
 
-A command ends within a second of SIGINT. Python runs a handler only between two of its own
-instructions, and a call into a driver may take longer than that. So a thread watches for the
-signal, too, and ends the process where the exception has not done so in time.
+A command ends within a second of SIGINT. After SIGTERM it has longer, to finish the files that it
+is writing, and a second SIGTERM ends that at once. Python runs a handler only between two of its
+own instructions, and a call into a driver may take longer than that. So a thread watches for the
+signals, too, and ends the process where the exception has not done so in time. No file is half
+written then: what is not finished is dropped, and said.
 """
 
 from __future__ import annotations
@@ -11,17 +13,21 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import NoReturn
 
+from rhytid.support.atomic_files import being_written
 from rhytid.support.temporary_folders import remove_temporary_folders
 
 INTERRUPTED = 128 + signal.SIGINT
 TERMINATED = 128 + signal.SIGTERM
-# Seconds that a command has to end by itself after SIGINT.
-GRACE = 0.5
+# Seconds that a command has to end by itself after SIGINT; and after SIGTERM, which is less than
+# the schedulers of render farms wait before they send SIGKILL.
+GRACE, PATIENCE = 0.5, 8.0
+# Unfinished files that are named.
+_NAMED = 8
 
 
 class Terminated(SystemExit):
@@ -41,10 +47,14 @@ class Interruption:
         self.command = ""
         self._said = threading.Lock()
 
-    def say(self) -> None:
-        """Print one line on stderr, once."""
+    def say(self, dropped: Sequence[str] = ()) -> None:
+        """Print one line on stderr, once; before it one that names the files that are dropped."""
         if self._said.acquire(blocking=False):
             program = f"rhytid {self.command}".rstrip()
+            if dropped:
+                more = f" and {len(dropped) - _NAMED} more" if len(dropped) > _NAMED else ""
+                named = ", ".join(dropped[:_NAMED])
+                print(f"{program}: dropped, not finished: {named}{more}", file=sys.stderr)
             cancelled = self.terminated and not self.came
             what = "cancelled by SIGTERM" if cancelled else "interrupted"
             print(f"{program}: {what}", file=sys.stderr, flush=True)
@@ -56,15 +66,17 @@ class Interruption:
             raise KeyboardInterrupt
 
     def terminate(self, number: int, frame: FrameType | None) -> None:
-        """The handler of SIGTERM. Raises Terminated."""
-        self.terminated = True
-        raise Terminated(TERMINATED)
+        """The handler of SIGTERM. Raises Terminated, once."""
+        if not self.terminated:
+            self.terminated = True
+            raise Terminated(TERMINATED)
 
 
 @contextmanager
 def interruptible() -> Iterator[Interruption]:
-    """Within the block, SIGINT raises KeyboardInterrupt, and ends the process if the block has not
-    ended soon after. SIGTERM raises Terminated. Does nothing outside of the main thread."""
+    """Within the block, SIGINT raises KeyboardInterrupt and SIGTERM raises Terminated, and the
+    process is ended if the block has not ended soon after, or when SIGTERM comes again. Does
+    nothing outside of the main thread."""
     found = Interruption()
     here = threading.current_thread() is threading.main_thread()
     if not here or not hasattr(os, "set_blocking"):  # Windows has it from Python 3.12 on
@@ -92,14 +104,32 @@ def interruptible() -> Iterator[Interruption]:
 
 def _watch(reading: int, ended: threading.Event, found: Interruption) -> None:
     """Read numbers of signals until the other end is closed."""
+    asked = False
     try:
         while came := os.read(reading, 1):
-            if came[0] == signal.SIGINT and not ended.wait(GRACE):
-                with suppress(OSError, ValueError):
-                    found.say()
-                end_now(INTERRUPTED)
+            if came[0] == signal.SIGINT:
+                _end_after(GRACE, INTERRUPTED, ended, found)
+            elif came[0] == signal.SIGTERM and _is_ours(found):
+                last = PATIENCE, TERMINATED, ended, found
+                if asked:
+                    _end_after(0.0, *last[1:])
+                asked = True
+                threading.Thread(target=_end_after, args=last, daemon=True).start()
     finally:
         os.close(reading)
+
+
+def _is_ours(found: Interruption) -> bool:
+    """Whether SIGTERM is for the command, not for a server that drains within it."""
+    return signal.getsignal(signal.SIGTERM) == found.terminate
+
+
+def _end_after(seconds: float, status: int, ended: threading.Event, found: Interruption) -> None:
+    """End the process unless the block ends before."""
+    if not ended.wait(seconds):
+        with suppress(OSError, ValueError):
+            found.say([file.name for file in being_written()])
+        end_now(status)
 
 
 def end_now(status: int) -> NoReturn:

@@ -47,6 +47,8 @@ def _new_name() -> str:
 
 # Folders in which `atomic_write` prepares the files of other folders: see `prepared_in`.
 _places: dict[Path, Path] = {}
+# Files that `atomic_write` prepares now, by where.
+_prepared: dict[Path, Path] = {}
 # How often a folder is emptied in which others write, and the seconds between two times.
 _TRIES, _PAUSE = 10, 0.02
 # Bytes that are copied at a time.
@@ -257,10 +259,19 @@ def atomic_write(file: Path, *, private: bool = False, group: bool = False) -> I
         if group:
             restrict(place, group=True)
         aside = place / file.name
-        yield aside
-        if private:
-            restrict(aside, group=group)
-        install(aside, file)
+        _prepared[aside] = file
+        try:
+            yield aside
+            if private:
+                restrict(aside, group=group)
+            install(aside, file)
+        finally:
+            del _prepared[aside]
+
+
+def being_written() -> list[Path]:
+    """The files that `atomic_write` has begun and not finished, in their order. From any thread."""
+    return [file for aside, file in _prepared.copy().items() if aside.exists()]
 
 
 def sweep(folder: Path, finished: Callable[[str], bool] | None = None) -> None:

@@ -41,7 +41,7 @@ SNAPSHOT, FRAMES_LIST = "asset.rhytid.tar", "frames.txt"
 _LONGEST = 1024
 # Seconds between SIGTERM and SIGKILL where a task is cancelled: rhytid finishes the maps
 # that it is writing, and what SIGKILL cuts off is drawn again.
-_NOTICE = 10
+NOTICE = 10
 # Texels per side that an asset may have.
 _SIDES = [256 << power for power in range(7)]
 _STORE = "{{Session.WorkingDirectory}}/assets"
@@ -298,7 +298,7 @@ class BakeJob:
 
 
 def _action(arguments: list[str]) -> Json:
-    cancelation = {"mode": "NOTIFY_THEN_TERMINATE", "notifyPeriodInSeconds": _NOTICE}
+    cancelation = {"mode": "NOTIFY_THEN_TERMINATE", "notifyPeriodInSeconds": NOTICE}
     return {"command": "{{Param.Rhytid}}", "args": arguments, "cancelation": cancelation}
 
 
