@@ -41,7 +41,8 @@ RUNS = [
     pytest.param(f"{BAKE} --method binned", "bins: ", marks=slow),
     pytest.param(f"{BAKE} --dask local", r"frame \d+ is there", marks=slow),
     pytest.param(EXPORT, "reading the asset", marks=release),
-    pytest.param(DEMO, "calibrate: making", marks=release),
+    # What it is about at the first look; warm kernels are done before the second.
+    pytest.param(DEMO, "calibrate: (queued|starting|making)", marks=release),
     pytest.param("check face.npz --picture out/p.png", "drawing p.png", marks=release),
 ]
 
@@ -93,15 +94,15 @@ def interrupted(running: subprocess.Popen[str], ready: Callable[[str], bool]) ->
             running.kill()
 
 
-def seconds_of_nothing(folder: Path) -> float:
-    """What a command takes that has nothing to do, as busy as the machine is now: the median of
-    three."""
+def soon(folder: Path) -> float:
+    """Seconds within which a command must end: one on a quiet machine, on which `rhytid --version`
+    takes a tenth of one; else ten times the median of three of these."""
     taken = []
     for _ in range(3):
         start = time.monotonic()
         started("--version", folder).communicate(timeout=60)
         taken.append(time.monotonic() - start)
-    return sorted(taken)[1]
+    return max(1.0, 10 * sorted(taken)[1])
 
 
 @pytest.mark.parametrize(("arguments", "words"), RUNS)
@@ -112,8 +113,7 @@ def test_an_interrupted_command_ends_soon_and_leaves_nothing(
     seconds, rest = interrupted(running, lambda line: bool(re.search(words, line)))
 
     assert running.returncode == 130, rest
-    # A second on a quiet machine, on which `rhytid --version` takes a tenth of one.
-    assert seconds < max(1, 10 * seconds_of_nothing(folder))
+    assert seconds < soon(folder)
     assert rest.splitlines()[-1] == f"rhytid {arguments.split()[0]}: interrupted"
     assert "Traceback" not in rest
     assert "Exception" not in rest
@@ -164,9 +164,10 @@ def test_a_call_that_does_not_return_is_ended_too(tmp_path: Path) -> None:
     running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     seconds, rest = interrupted(running, lambda line: line == "ready\n")
 
+    # Where it ends by itself, after its call, it says more.
     assert (running.returncode, rest) == (130, "rhytid bake: interrupted\n")
-    assert seconds < 1
     assert list(tmp_path.iterdir()) == []
+    assert seconds < soon(tmp_path)
 
 
 WRITING = """
