@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -14,6 +15,7 @@ from baking.fake_engine import ASSET, FakeEngine
 from rhytid.baking.baker import Baker
 from rhytid.baking.frame_names import FramePlace, FrameRange
 from rhytid.baking.frames import FrameFiles
+from rhytid.baking.map_sources import Geometry
 from rhytid.baking.output import BakeRecord, Output
 from rhytid.baking.run_warnings import RunWarnings
 from rhytid.domain.mesh import Mesh
@@ -22,6 +24,7 @@ from rhytid.errors import StorageError, StrictError
 from rhytid.exports.textures.profiles import profiles_of
 from rhytid.formats.exr import read_exr
 from rhytid.formats.meshes import MeshFile
+from rhytid.storage.manifest import StoredFile
 from rhytid.support.console import Stopwatch, Verbosity, use_verbosity
 
 SQUARE = Mesh(
@@ -204,6 +207,26 @@ def test_calibration_takes_the_frame_that_stretches_most(
 
     assert engine.calibrated == [np.float32(0.3)]
     assert engine.held == {}
+
+
+def test_files_are_known_without_being_read_again(
+    engine: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = StoredFile.read
+    monkeypatch.setattr(StoredFile, "read", never)
+    made = baker(engine, tmp_path, [0.5, 1.0], profiles=["half", "png16"])
+    made.geometry = Geometry(SQUARE, "glb", 1)
+    made.run()
+
+    known = json.loads((tmp_path / "face.bake.json").read_bytes())["maps"]
+    assert len(known) == 2 * (2 * 2 + 1)
+    assert {name: one["sha256"] for name, one in known.items()} == {
+        name: read(tmp_path / name).sha256 for name in known
+    }
+
+
+def never(file: Path) -> StoredFile:
+    raise AssertionError(f"{file} is read again")
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from engine.engines import (
 from meshes import deform, rotate_translate
 from pipeline.scenes import DEPTH, Scene, random_graph, settings_of, sheet
 from reference import drawing
+from rhytid.device.runtime import Device
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.methods import SAMPLINGS, STRETCH_MODELS
 from rhytid.domain.tiles import TileAddress
@@ -133,6 +134,26 @@ def test_convolved_drawn_in_pieces_is_the_same_bits(made, monkeypatch, sampling)
     )
     monkeypatch.setitem(levels._PIECE, "convolved", 64)
     assert same(tiles(), plain)
+
+
+@pytest.mark.parametrize("query", QUERIES, ids=ids)
+def test_pieces_are_read_into_the_map(made, monkeypatch, query):
+    def draw():
+        return made.engine.tiles.plan_map(made.asset, "bent", query, 1001, 0).draw()
+
+    whole, places, read = draw(), [], Device.read_square
+
+    def seen(*about):
+        places.append(read(*about))
+        return places[-1]
+
+    monkeypatch.setitem(levels._PIECE, query.method, 128)
+    monkeypatch.setattr(Device, "read_square", seen)
+    pieces = draw()
+
+    assert same([pieces], [whole])
+    assert len(places) >= 4
+    assert all(np.shares_memory(one, pieces) for one in places)
 
 
 def test_displacement_stays_within_its_scale(made):

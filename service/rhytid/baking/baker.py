@@ -33,6 +33,7 @@ from rhytid.errors import CancelledError
 from rhytid.exports.textures.frame_map import Facts, FrameMap
 from rhytid.exports.textures.profiles import Profile
 from rhytid.exports.textures.writers import write_parts
+from rhytid.support.atomic_files import hashed_writes
 from rhytid.support.console import Stopwatch, counted, detail
 from rhytid.support.cores import core_count
 
@@ -224,12 +225,13 @@ class Baker:
         """Write the files of a map; on any thread."""
         for one in due:
             frame.writers.check()
-            with self.watch.step("write"):
+            with self.watch.step("write"), hashed_writes() as digests:
                 if not self._copied(frame, one):
                     # By which readers know maps of another mesh.
                     facts = {"triangles": len(self.mesh.faces), **one.profile.all_facts(map)}
                     one.profile.write(one.file, map, facts)
-                frame.record.add(one.file, one.key)
+                # Files of libraries have no digest yet.
+                frame.record.add(one.file, one.key, digests.get(one.file.name))
             detail(f"wrote {one.file.name}")
         return len(due)
 
@@ -259,9 +261,9 @@ class Baker:
         assert self.geometry is not None
         file, key = one
         maps = {udim: map.bordered() for udim, map in drawn.items()}
-        with self.watch.step("geometry"):
+        with self.watch.step("geometry"), hashed_writes() as digests:
             self.geometry.write(file, frame.surface.positions, maps)
-            frame.record.add(file, key)
+            frame.record.add(file, key, digests.get(file.name))
         detail(f"wrote {file.name}")
         return 1
 

@@ -215,9 +215,12 @@ class BakeRecord:
                 return data
         return None
 
-    def add(self, file: Path, key: str) -> None:
-        """Record that `file` was written for `key`. The record is on the disk when this returns."""
-        digest = StoredFile.read(file).sha256
+    def add(self, file: Path, key: str, digest: str | None = None) -> None:
+        """Record that `file` was written for `key`. The record is on the disk when this returns.
+
+        digest: SHA-256 of the bytes that were written; None to read them again.
+        """
+        digest = digest or StoredFile.read(file).sha256
         with self._lock:
             self._maps[file.name] = {"key": key, "sha256": digest, "drawn_by": self._drawn_by}
             self._names[key] = file.name

@@ -10,6 +10,7 @@ from functools import partial, wraps
 from typing import Any, Generic, TypeVar
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import DTypeLike, NDArray
 
 import rhytid_kernels
@@ -317,15 +318,22 @@ class Device:
 
     @_stepped
     def read_square(
-        self, buffer: Buffer, stride: int, row: int, column: int, side: int
-    ) -> NDArray[np.float32]:
+        self, buffer: Buffer, stride: int, row: int, column: int, side: int,
+        out: NDArray[np.float32] | None = None,
+    ) -> NDArray[np.float32]:  # fmt: skip
         """(side, side) float32 from (row, column) on, of a buffer with rows of `stride` values;
-        waits as `read` does."""
-        host = np.empty((side, side), np.float32)
+        waits as `read` does.
+
+        out: takes them and is returned; its rows may be parts of those of a larger array.
+        """
+        host = np.empty((side, side), np.float32) if out is None else out
+        apart = host.strides[0]
+        # From the first value to the last. What lies between two rows is not touched.
+        span = as_strided(host, ((side - 1) * apart // 4 + side,), (4,))
         self._copy_to(
-            host, buffer,
+            span, buffer,
             buffer_origin=(4 * column, row, 0), host_origin=(0, 0, 0), region=(4 * side, side, 1),
-            buffer_pitches=(4 * stride,), host_pitches=(4 * side,),
+            buffer_pitches=(4 * stride,), host_pitches=(apart,),
         )  # fmt: skip
         return host
 

@@ -67,28 +67,33 @@ class DeviceLevels:
         return max(finest >> level, 1)
 
     def squares(
-        self, frame: Frame, query: MapQuery, udim: int, level: int, places: Sequence[Square]
+        self, frame: Frame, query: MapQuery, udim: int, level: int, places: Mapping[Square, Tile]
     ) -> dict[Square, Tile]:
         """Of some squares of a level, each inside one piece: the kept ones, and the first that is
-        not kept, which is drawn. Other tasks run before the next one is drawn."""
+        not kept, which is drawn. Other tasks run before the next one is drawn.
+
+        places: the squares, and memory that each is read into, and comes in, where it is of level
+        0.
+        """
         found, drawn = {}, False
-        for square in places:
-            tile = self._kept(frame, query, udim, level, square)
+        for square, out in places.items():
+            tile = self._kept(frame, query, udim, level, square, out)
             if tile is None and not drawn:
-                tile, drawn = self._made(frame, query, udim, level, square), True
+                tile, drawn = self._made(frame, query, udim, level, square, out), True
             if tile is not None:
                 found[square] = tile
         return found
 
     def square_alone(
-        self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square
-    ) -> Tile:
+        self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square,
+        out: Tile | None = None,
+    ) -> Tile:  # fmt: skip
         """One square of a level, drawn from the smallest part of level 0 that it needs; nothing is
-        kept."""
+        kept.  out: memory that one of level 0 is read into."""
         frame, place = _frame_of(frame, query), _finer(square, level)
         with self._finest.parts(frame, query, udim, place) as parts:
             if level == 0:
-                return self._finest.joined(parts, place)
+                return self._finest.joined(parts, place, out)
             levels = self._halved(parts, place, level)
             tile: Tile = self._base.device.read(levels.buffers[-1], (square[2],) * 2, np.float32)
         levels.release()
@@ -126,18 +131,20 @@ class DeviceLevels:
         return 8 * 4 * self._base.settings.resolution**2 // 3 <= self._base.device.budget.limit
 
     def _kept(
-        self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square
+        self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square, out: Tile
     ) -> Tile | None:
         frame, place = _frame_of(frame, query), _finer(square, level)
         if level == 0:
-            return self._finest.cropped(frame, query, udim, place)
+            return self._finest.cropped(frame, query, udim, place, out)
         piece = self._finest.piece_of(query, udim, place)
         levels = self._base.cache.find_of(frame, "levels", *_names(query), udim, *piece)
         return None if levels is None else self._of_levels(levels, level, square, piece)
 
-    def _made(self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square) -> Tile:
+    def _made(
+        self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square, out: Tile
+    ) -> Tile:
         if level == 0 or not self._keeps:
-            return self.square_alone(frame, query, udim, level, square)
+            return self.square_alone(frame, query, udim, level, square, out)
         frame, place = _frame_of(frame, query), _finer(square, level)
         piece = self._finest.piece_of(query, udim, place)
         with self._finest.parts(frame, query, udim, piece) as parts:
@@ -275,16 +282,18 @@ class DeviceFinest:
             else:
                 buffer.release()
 
-    def cropped(self, frame: Frame, query: MapQuery, udim: int, place: Square) -> Tile | None:
+    def cropped(
+        self, frame: Frame, query: MapQuery, udim: int, place: Square, out: Tile | None = None
+    ) -> Tile | None:
         """A square of level 0, out of itself or the piece around it, whichever is kept; None where
-        neither is."""
+        neither is.  out: memory that it is read into."""
         buffer, larger = self._find_finest(frame, query, udim, place), place
         if buffer is None and (larger := self.piece_of(query, udim, place)) != place:
             buffer = self._find_finest(frame, query, udim, larger)
         if buffer is None:
             return None
         row, column = place[0] - larger[0], place[1] - larger[1]
-        return self._base.device.read_square(buffer, larger[2], row, column, place[2])
+        return self._base.device.read_square(buffer, larger[2], row, column, place[2], out)
 
     def _find_finest(
         self, frame: Frame, query: MapQuery, udim: int, place: Square
@@ -307,14 +316,15 @@ class DeviceFinest:
         found: Tile = self._base.device.read(part.buffer, (part.side, part.side), np.float32)
         return found
 
-    def joined(self, parts: Sequence[Part], place: Square) -> Tile:
-        """A square put together from its parts."""
+    def joined(self, parts: Sequence[Part], place: Square, out: Tile | None = None) -> Tile:
+        """A square put together from its parts.  out: memory that they are read into."""
         row, column, side = place
-        out = np.empty((side, side), np.float32)
+        whole: Tile = np.empty((side, side), np.float32) if out is None else out
         for part in parts:
             y, x = part.row - row, part.column - column
-            out[y : y + part.side, x : x + part.side] = self._read(part)
-        return out
+            here = whole[y : y + part.side, x : x + part.side]
+            self._base.device.read_square(part.buffer, part.side, 0, 0, part.side, here)
+        return whole
 
 
 def _names(query: MapQuery) -> tuple[str, str, str]:

@@ -158,27 +158,30 @@ class _Square:
     def _of_pieces(self, level: int, square: Square) -> Tile:
         """A square of a level that is drawn from level 0, piece by piece."""
         pieces = self._resident.levels.pieces(self._query, self._about[2], level, square)
+        out: Tile = np.empty((square[2], square[2]), np.float32)
         if len(pieces) == 1:
-            return self._some(level, pieces)[square]
-        out = np.empty((square[2], square[2]), np.float32)
+            return self._some(level, {square: out})[square]
         while pieces:
             some, others = pieces[:_AT_ONCE], pieces[_AT_ONCE:]
-            found = self._some(level, some)
-            for (row, column, side), tile in found.items():
-                y, x = row - square[0], column - square[1]
-                out[y : y + side, x : x + side] = tile
+            views = {piece: _view(out, square, piece) for piece in some}
+            found = self._some(level, views)
+            for piece, tile in found.items():
+                if tile is not views[piece]:
+                    views[piece][...] = tile
             pieces = [piece for piece in some if piece not in found] + others
         return out
 
-    def _some(self, level: int, missing: list[Square]) -> dict[Square, Tile]:
-        """At least the first of some squares, each of which lies inside of a piece."""
+    def _some(self, level: int, missing: dict[Square, Tile]) -> dict[Square, Tile]:
+        """At least the first of some squares, each of which lies inside of a piece; those of level
+        0 in their places, which are given, unless memory is short."""
         try:
             found: dict[Square, Tile] = self._run(
                 DeviceLevels.squares, *self._about, level, missing
             )
             return found
         except DeviceMemoryError:
-            return {missing[0]: self._alone(level, missing[0])}
+            first = next(iter(missing))
+            return {first: self._alone(level, first)}
 
     def _alone(self, level: int, square: Square) -> Tile:
         """A square for which memory is short: as a whole, or else by its quarters."""
@@ -199,6 +202,12 @@ class _Square:
         return self._on_device.use(
             self._asset, lambda resident: task(resident.levels, *arguments), patiently=waits
         )
+
+
+def _view(out: Tile, whole: Square, square: Square) -> Tile:
+    """The part of `out`, which holds the square `whole`, that a square in it has."""
+    y, x, side = square[0] - whole[0], square[1] - whole[1], square[2]
+    return out[y : y + side, x : x + side]
 
 
 def _cut(square: Square, side: int) -> list[Square]:
