@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,11 @@ import pytest
 
 from meshes import SmallMesh
 from rhytid.cli import main
+from rhytid.cli.termination import INTERRUPTED
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import mesh_udims
 from rhytid_lab.bench import bake
-from rhytid_lab.bench.bake import BakeCost, Spent, four_udims
+from rhytid_lab.bench.bake import BakeBench, BakeCost, Spent, four_udims
 
 
 def test_a_bench_measures_every_part(
@@ -24,11 +26,9 @@ def test_a_bench_measures_every_part(
 ) -> None:
     monkeypatch.setattr(bake, "WRITTEN", {1: (("half",), ("float", "ply")), 4: (("half",),)})
     monkeypatch.setattr(bake, "METHODS", ("redraw",))
-    mesh, figures = tmp_path / "mesh.npz", tmp_path / "figures.json"
-    arrays = {name: getattr(small_mesh, name) for name in ("positions", "faces", "uv", "face_uv")}
-    stretched = [small_mesh.positions * np.array([1 + 0.02 * k, 1, 1]) for k in range(5)]
-    np.savez(mesh, **arrays, frames=np.array(stretched, np.float32))
-    given = ["bench", "--bake", "--mesh", str(mesh), "--size", "256", "--wrinkles", "400"]
+    figures = tmp_path / "figures.json"
+    mesh = face_shot(tmp_path, small_mesh, [1 + 0.02 * k for k in range(5)])
+    given = ["bench", "--bake", "--mesh", mesh, "--size", "256", "--wrinkles", "400"]
 
     assert main([*given, "--json", str(figures)]) == 0
     assert "is replaced" not in capsys.readouterr().err
@@ -45,15 +45,56 @@ def test_a_bench_measures_every_part(
             assert row[part]["processor"] > 0.0
 
 
-def test_few_frames_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    mesh = tmp_path / "mesh.npz"
-    square = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
-    corners = np.array([[0, 1, 2]])
-    uv = {"uv": square[:, :2], "face_uv": corners}
-    np.savez(mesh, positions=square, faces=corners, **uv, frames=square[None])
+def face_shot(folder: Path, mesh: SmallMesh, factors: list[float]) -> str:
+    """A mesh file whose frames are stretched by these factors."""
+    file = folder / "shot.npz"
+    arrays = {name: getattr(mesh, name) for name in ("positions", "faces", "uv", "face_uv")}
+    stretched = [mesh.positions * np.array([factor, 1, 1]) for factor in factors]
+    np.savez(file, **arrays, frames=np.array(stretched, np.float32))
+    return str(file)
 
-    assert main(["bench", "--bake", "--mesh", str(mesh)]) == 1
-    assert "--bake needs 5 frames or more, 1 are there" in capsys.readouterr().err
+
+@pytest.mark.parametrize("factors", [[1.1], [1.1] * 8, [1.0, 1.1, 1.2, 1.3, 1.0, 1.1]])
+def test_few_frames_that_differ_are_refused(
+    factors: list[float],
+    tmp_path: Path,
+    small_mesh: SmallMesh,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["bench", "--bake", "--mesh", face_shot(tmp_path, small_mesh, factors)]) == 1
+    differ, told = len({*factors}), capsys.readouterr().err
+    assert f"--bake needs 5 frames that differ, {differ} of {len(factors)} do" in told
+
+
+def test_frames_that_repeat_are_left_out_and_told(
+    tmp_path: Path,
+    small_mesh: SmallMesh,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    timed = []
+
+    def cost(bench: BakeBench, method: str, written: Sequence[str]) -> BakeCost:
+        timed.append(len(bench._frames.places))
+        if len(timed) == 3:
+            raise KeyboardInterrupt
+        return BakeCost(method, " ".join(written), 1, *[Spent(1.0, 1.0)] * 4)
+
+    monkeypatch.setattr(BakeBench, "cost", cost)
+    shot = face_shot(tmp_path, small_mesh, [1.0, 1.1, 1.1, 1.2, 1.3, 1.4, 1.5])
+    given = ["bench", "--bake", "--mesh", shot, "--size", "256", "--wrinkles", "400"]
+
+    assert main([*given, "--methods", "binned", "--repeats", "3", "--json"]) == INTERRUPTED
+
+    told = capsys.readouterr()
+    assert timed == [5, 5, 5]
+    assert "notice: 1 of 7 frames left out: a bake copies the files" in told.err
+    assert "notice: it did not end: cases are missing above" in told.err
+    figures = json.loads(told.out)
+    assert figures["cancelled"] is True
+    assert [(row["method"], row["written"]) for row in figures["results"]] == [
+        ("binned", "half"), ("binned", "float"),
+    ]  # fmt: skip
 
 
 def test_the_ratios_are_to_the_processor_time_of_kernels_and_files(

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bench.small_bench import SIZE, WRINKLES, Given, small_bench
+from meshes import deform
+from pipeline.scenes import random_graph, settings_of, sheet
 from rhytid.cli import main
+from rhytid.cli.termination import TERMINATED, Terminated
 from rhytid.device.runtime import Device
 from rhytid_lab.bench import peers
 from rhytid_lab.bench.comparison import (
@@ -119,6 +124,48 @@ def test_the_command_fails_where_a_result_is_wrong(
     assert "redraw  numba" in told.out
     assert "refused: off by" in told.out
     assert "the results differ from rhytid's: numba in redraw" in told.err
+
+
+def test_what_has_ended_is_printed_when_a_bench_is_cancelled(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seconds = FrameBench.seconds
+
+    def cancelled(bench: FrameBench, case: str) -> float:
+        if case == "redraw":
+            raise Terminated(TERMINATED)
+        return seconds(bench, case)
+
+    monkeypatch.setattr(FrameBench, "seconds", cancelled)
+
+    with suppress(SystemExit):
+        main([*SMALL, "--methods", "stretch", "redraw", "--implementations", "rhytid"])
+
+    told = capsys.readouterr()
+    rows = [line.split()[0] for line in told.out.splitlines()]
+    assert (rows[0], rows[2:]) == ("case", ["copy", "stretch"])
+    assert "cases are missing above" in told.err
+
+
+@pytest.mark.parametrize(("curvature", "left_out"), [(0.0, []), (1.0, ["redraw", "neutral"])])
+def test_graphs_of_other_presets_are_drawn_flat_or_by_rhytid_alone(
+    device: Device, curvature: float, left_out: list[str]
+) -> None:
+    mesh, settings = sheet(), settings_of()
+    shape = replace(settings.shape, curvature=curvature)
+    graph = random_graph(3, WRINKLES, half_width=(0.004, 0.02), length=(0.01, 0.1))
+    share = np.linspace(0.2, 2.2, graph.wrinkles, dtype=np.float32)
+    bent = np.full((graph.wrinkles, 2), 0.3, np.float32)
+    other = replace(graph, edge_share=share, edge_slopes=bent)
+    deformed = deform(mesh.positions, 2, 0.05)
+    bench = FrameBench(device, mesh, other, deformed, replace(settings, shape=shape))
+
+    found = Comparison(bench, (OURS, "numpy"), 1).run(["redraw", "neutral", "stretch"])
+
+    assert [(one.case, one.off) for one in found.untimed] == [(one, False) for one in left_out]
+    assert all("it draws straight lines" in one.reason for one in found.untimed)
+    assert len(found.timings) == 6 - len(left_out)
+    bench.release()
 
 
 @pytest.mark.slow

@@ -42,7 +42,7 @@ def test_a_series_times_its_cases_at_its_places(
     device: Device, series: str, places: list[int]
 ) -> None:
     bent, used = sphere_stretch(MESH, 1.2, 0.9), device.budget.used
-    found = Scaling(device, MESH, bent, 512, 400, 1).run(series)
+    found = [*Scaling(device, MESH, bent, 512, 400, 1).run(series)]
 
     assert [(g.x, g.case) for g in found] == [(x, c) for x in places for c in SERIES[series][1]]
     assert {g.series for g in found} == {series}

@@ -50,7 +50,9 @@ WRITTEN: Mapping[int, tuple[tuple[str, ...], ...]] = {
 }
 # Frames that are drawn before time is taken: what a device keeps of one frame for the next is there
 # then.
-_BEFORE = 2
+BEFORE = 2
+# Of a bake: what is measured is the median of the others.
+LEAST_FRAMES = 5
 _SUBDIVIDED = 1
 
 
@@ -97,7 +99,8 @@ class BakeCost:
 class BakeBench:
     """An engine with one asset, whose frames are baked.
 
-    frames: (N, V, 3) float32 positions, N of 5 or more; more make the figures steadier.
+    frames: (N, V, 3) float32 positions that all differ, N of 3 or more; more make the figures
+    steadier.
     """
 
     def __init__(
@@ -132,6 +135,15 @@ class BakeBench:
             )  # fmt: skip
             udims = len(self.asset.udims)
             return BakeCost(method, " ".join(written), udims, kernels, drawn, files, _bake(baker))
+
+
+def that_differ(frames: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The frames that differ from all before them: a bake copies the files of the others."""
+    first: dict[bytes, int] = {}
+    for index, frame in enumerate(frames):
+        first.setdefault(frame.tobytes(), index)
+    kept: NDArray[np.float32] = frames[list(first.values())]
+    return kept
 
 
 def four_udims(mesh: Mesh, frames: NDArray[np.float32]) -> tuple[Mesh, NDArray[np.float32]]:
@@ -217,7 +229,7 @@ class _Maker:
 def _bake(baker: Baker) -> Spent:
     """What a bake takes of a frame. The files of other runs are in its folder, without a record, so
     that all are written anew."""
-    first, rest = baker.frames.places[:_BEFORE], baker.frames.places[_BEFORE:]
+    first, rest = baker.frames.places[:BEFORE], baker.frames.places[BEFORE:]
     baker.write(first, first)
     whole = _timed(lambda: baker.write(rest, rest))
     return Spent(whole.seconds / len(rest), whole.processor / len(rest))
@@ -237,5 +249,5 @@ def _processor() -> float:
 
 def _middle(frames: Sequence[Spent]) -> Spent:
     """The median of what some frames took, but for the first ones."""
-    after = frames[_BEFORE:]
+    after = frames[BEFORE:]
     return Spent(median(one.seconds for one in after), median(one.processor for one in after))

@@ -100,26 +100,32 @@ class Comparison:
         self._copies: dict[bool, list[float]] = {False: [], True: []}
         self._host = None if self._scene.on_cpu else HostCopy(self._scene.size)
         self._timed: list[tuple[str, list[_Candidate]]] = []
-        self.results = Results()
+        self._untimed: list[NotTimed] = []
 
     def run(self, cases: Iterable[str]) -> Results:
-        """Compare and time every case."""
+        """Compare and time every case; `results` has those that have ended, if this is
+        cancelled."""
         for case in cases:
             candidates = self._candidates(case)
             self._time(candidates)
             self._timed.append((case, candidates))
             for candidate in candidates:
                 candidate.release()
+        return self.results
+
+    @property
+    def results(self) -> Results:
+        """What has been found so far."""
         copies = {host: statistics.median(s) for host, s in self._copies.items() if s}
-        self.results.copy_seconds = copies[False]
+        results = Results(copies.get(False, 0.0), [], [*self._untimed])
         for case, candidates in self._timed:
             for candidate in candidates:
                 seconds = statistics.median(candidate.seconds)
                 share = seconds / copies[candidate.on_host]
                 used = statistics.median(candidate.processor)
                 entry = Timing(case, candidate.name, seconds, share, candidate.difference, used)
-                self.results.timings.append(entry)
-        return self.results
+                results.timings.append(entry)
+        return results
 
     def _candidates(self, case: str) -> list[_Candidate]:
         bench = self._bench
@@ -141,7 +147,7 @@ class Comparison:
         try:
             run = peers.prepare(name, case, self._scene)
         except Unsupported as reason:
-            self.results.untimed.append(NotTimed(case, name, str(reason)))
+            self._untimed.append(NotTimed(case, name, str(reason)))
             return None
         start = time.perf_counter()
         run.run()
@@ -159,7 +165,7 @@ class Comparison:
         if difference <= tolerance(case):  # not so where it is not a number
             return difference
         reason = f"refused: off by {difference:.2g}, over {tolerance(case):g}"
-        self.results.untimed.append(NotTimed(case, name, reason, off=True))
+        self._untimed.append(NotTimed(case, name, reason, off=True))
         return None
 
     def _time(self, candidates: list[_Candidate]) -> None:

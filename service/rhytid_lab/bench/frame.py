@@ -10,7 +10,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -82,8 +82,11 @@ class FrameBench:
         deformed: NDArray[np.float32],
         settings: AssetSettings,
     ) -> None:
-        # The others draw round lines alone, and each where it answers to stretch.
+        # The others draw round lines alone, each where it answers to stretch, and flat ones that
+        # all answer alike.
         graph = graph.without_copies()
+        if is_flat(settings):
+            graph = replace(graph, edge_share=None)
         self.device, self.wrinkles = device, graph.counts()[1]
         self.mesh, self.graph, self.deformed = mesh, graph, deformed
         self.udim = udim = mesh_udims(mesh)[0]
@@ -311,6 +314,12 @@ class FrameBench:
                 codes[index, y : y + side, x : x + side] = skin.bin_map(address, index)
         skin.release()
         return codes.reshape(bins.count + 1, bins.samples, size, size)
+
+
+def is_flat(settings: AssetSettings) -> bool:
+    """Whether wrinkles are drawn as in the paper: straight, of one width, each by itself."""
+    shape = settings.shape
+    return shape.curvature == shape.taper == shape.cushion == settings.response.ends == 0.0
 
 
 def _release(*things: object) -> None:

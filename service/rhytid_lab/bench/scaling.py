@@ -74,27 +74,24 @@ class Scaling:
         self._size, self._wrinkles, self._repeats = size, wrinkles, repeats
         self._grown: dict[int, Grown] = {}
 
-    def run(self, series: str) -> list[Growth]:
-        """Time one of SERIES."""
+    def run(self, series: str) -> Iterator[Growth]:
+        """Time one of SERIES; each growth as soon as it is there."""
         if series == "synthesis":
-            return self._synthesis()
-        found = []
+            yield from self._synthesis()
+            return
         for x, bench in getattr(self, f"_{series}_series")():
             for case in SERIES[series][1]:
                 cost = bench.cost(case, self._repeats)
-                found.append(Growth(series, x, case, cost.seconds, cost.map_copies))
+                yield Growth(series, x, case, cost.seconds, cost.map_copies)
             bench.release()
-        return found
 
-    def _synthesis(self) -> list[Growth]:
-        found = []
+    def _synthesis(self) -> Iterator[Growth]:
         for count in self._counts():
             clock, seconds = clocked(silent)
             start = time.perf_counter()
             grow(self._device, self._mesh, count, clock)
             seconds["all"] = time.perf_counter() - start
-            found += [Growth("synthesis", count, stage, seconds[stage]) for stage in STAGES]
-        return found
+            yield from (Growth("synthesis", count, stage, seconds[stage]) for stage in STAGES)
 
     def _size_series(self) -> Iterator[tuple[int, FrameBench]]:
         size = max(self._size // 8, _SMALLEST)

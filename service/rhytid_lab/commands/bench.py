@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,31 +16,29 @@ from rhytid.cli.service_options import add_device
 from rhytid.cli.skin_options import add_density
 from rhytid.domain.asset_settings import PRESETS
 from rhytid.domain.mesh import Mesh
-from rhytid.errors import FrameError, InputError, RhytidError
-from rhytid.support.console import STDOUT, counted, report, table, write_json
+from rhytid.errors import FrameError, InputError
+from rhytid.support.console import STDOUT, counted, note
 from rhytid_lab.commands import SUMMARIES, check_client
+from rhytid_lab.commands.bench_report import (
+    bake_table,
+    case_table,
+    print_untimed,
+    reported,
+    scaling_table,
+    service_table,
+)
 
 if TYPE_CHECKING:
     from rhytid.device.runtime import Device
-    from rhytid_lab.bench.bake import BakeCost
-    from rhytid_lab.bench.comparison import Results
     from rhytid_lab.bench.frame import FrameBench
+    from rhytid_lab.bench.scaling import Growth
     from rhytid_lab.bench.service import Latency
     from rhytid_lab.commands.demo_face import Animation
 
 # As bench.frame and bench.comparison have them, which are not imported for --help.
 CASES = ("stretch", "redraw", "precompute", "binned", "convolved", "neutral", "tile")
 IMPLEMENTATIONS = ("rhytid", "opengl", "numba", "numpy", "opencv")
-SERVICE_HEADER = (
-    "method", "clients", "p50 ms", "p99 ms", "tiles/s", "kernel ms", "not kernel"
-)  # fmt: skip
-BAKE_HEADER = (
-    "method", "files", "UDIMs", "kernels s (processor)", "drawn", "written", "bake", "ratio",
-    "work",
-)  # fmt: skip
-# Of a bake whose first ones are not timed.
-LEAST_FRAMES = 5
-HEADER = ("case", "implementation", "seconds", "map copies", "max difference", "note")
+USUAL_REPEATS = 5
 
 
 def add_command(commands: Commands) -> None:
@@ -69,7 +66,8 @@ def add_command(commands: Commands) -> None:
     parser.add_argument("--bake", action="store_true", help=bake)
     scaling = "draw instead how costs grow with texels, wrinkles, triangles and bins"
     parser.add_argument("--scaling", type=Path, metavar="DIR", help=scaling)
-    parser.add_argument("--repeats", type=_count, default=5, metavar="N", help="runs per case")
+    repeats = f"runs per case (default: {USUAL_REPEATS}); of --bake frames that are timed (all)"
+    parser.add_argument("--repeats", type=_count, metavar="N", help=repeats)
     add_device(parser)
     add_json(parser)
     parser.set_defaults(run=run)
@@ -101,21 +99,19 @@ def _run_scaling(arguments: argparse.Namespace) -> None:
     device, mesh, deformed = _frame_on_device(arguments)
     wrinkles = arguments.wrinkles or USUAL_WRINKLES
     print_need(device, mesh, scaled_settings(arguments), CASES, wrinkles)
-    scaling = Scaling(device, mesh, deformed, arguments.size, wrinkles, arguments.repeats)
-    found = []
-    for series in counted(tuple(SERIES), "scaling", "series"):
-        grown = scaling.run(series)
-        plot(grown).savefig(arguments.scaling / f"scaling_{series}.png")
-        found += grown
-    rows = [(g.series, str(g.x), g.case, f"{g.seconds:.4f}", _copies(g.map_copies)) for g in found]
-    figures = {
-        "device": device.info.name,
-        "size": arguments.size,
-        "wrinkles": wrinkles,
-        "results": [asdict(g) for g in found],
-    }
-    write_json(figures, arguments.scaling / "scaling.json")
-    report(figures, table(("series", "x", "case", "seconds", "map copies"), rows), arguments.json)
+    scaling = Scaling(device, mesh, deformed, arguments.size, wrinkles, _repeats(arguments))
+    found: list[Growth] = []
+
+    def figures() -> dict[str, Any]:
+        about = {"device": device.info.name, "size": arguments.size, "wrinkles": wrinkles}
+        return {**about, "results": [asdict(one) for one in found]}
+
+    file = arguments.scaling / "scaling.json"
+    with reported(arguments.json, figures, lambda: scaling_table(found), file):
+        for series in counted(tuple(SERIES), "scaling", "series"):
+            before = len(found)
+            found.extend(scaling.run(series))  # one by one: none is lost that has ended
+            plot(found[before:]).savefig(arguments.scaling / f"scaling_{series}.png")
 
 
 def _run_bake(arguments: argparse.Namespace) -> None:
@@ -125,64 +121,71 @@ def _run_bake(arguments: argparse.Namespace) -> None:
     from rhytid_lab.commands.bench_skin import frame_settings
     from rhytid_lab.commands.demo_face import animation
 
+    methods = [method for method in METHODS if method in arguments.methods]
+    if not methods:
+        raise InputError(f"--bake: --methods names neither of {' and '.join(METHODS)}")
     found = animation(arguments.mesh, ())
-    frames = np.stack([found.frames.read(place) for place in found.frames.places])
-    if len(frames) < LEAST_FRAMES:
-        raise FrameError(f"--bake needs {LEAST_FRAMES} frames or more, {len(frames)} are there")
+    frames = _differing_frames(found, arguments.repeats)
     service, costs = ServiceSettings.from_environment(), list[BakeCost]()
     service = replace(service, device=arguments.device or service.device)
-    for udims in WRITTEN:
-        mesh, moved = (found.mesh, frames) if udims == 1 else four_udims(found.mesh, frames)
-        with bake_bench(service, mesh, moved, frame_settings(arguments)) as bench:
-            wanted = [(method, files) for method in METHODS for files in WRITTEN[udims]]
-            costs += [bench.cost(*one) for one in counted(wanted, f"{udims} UDIM", "case")]
-    figures = {
-        "size": arguments.size,
-        "cores": core_count(),
-        "frames": len(frames),
-        "results": [{**asdict(c), "ratio": c.ratio, "work": c.work} for c in costs],
-    }
-    report(figures, table(BAKE_HEADER, map(_bake_row, costs)), arguments.json)
+
+    def figures() -> dict[str, Any]:
+        about = {"size": arguments.size, "cores": core_count(), "frames": len(frames)}
+        return {
+            **about,
+            "results": [{**asdict(c), "ratio": c.ratio, "work": c.work} for c in costs],
+        }
+
+    with reported(arguments.json, figures, lambda: bake_table(costs)):
+        for udims in WRITTEN:
+            mesh, moved = (found.mesh, frames) if udims == 1 else four_udims(found.mesh, frames)
+            with bake_bench(service, mesh, moved, frame_settings(arguments)) as bench:
+                wanted = [(method, files) for method in methods for files in WRITTEN[udims]]
+                costs.extend(bench.cost(*one) for one in counted(wanted, f"{udims} UDIM", "case"))
 
 
-def _bake_row(cost: BakeCost) -> tuple[str, ...]:
-    parts = (cost.kernels, cost.drawn, cost.files, cost.bake)
-    spent = [f"{part.seconds:.3f} ({part.processor:.3f})" for part in parts]
-    ratios = f"{cost.ratio:.2f}", f"{cost.work:.2f}"
-    return cost.method, cost.written, str(cost.udims), *spent, *ratios
+def _differing_frames(found: Animation, repeats: int | None) -> NDArray[np.float32]:
+    """The frames of an animation that a bake is measured by: those that differ from all before
+    them, of which `repeats` are timed. Raises FrameError where there are too few."""
+    from rhytid_lab.bench.bake import BEFORE, LEAST_FRAMES, that_differ
+
+    every = np.stack([found.frames.read(place) for place in found.frames.places])
+    kept = that_differ(every)
+    copied = "a bake copies the files of a frame that repeats another"
+    if len(kept) < LEAST_FRAMES:
+        raise FrameError(
+            f"--bake needs {LEAST_FRAMES} frames that differ, {len(kept)} of {len(every)} do: "
+            f"{copied}, which takes no kernels"
+        )
+    if (same := len(every) - len(kept)) > 0:
+        note(f"rhytid bench: notice: {same} of {len(every)} frames left out: {copied}")
+    return kept if repeats is None else kept[: BEFORE + repeats]
 
 
-def _copies(map_copies: float | None) -> str:
-    return "" if map_copies is None else f"{map_copies:.1f}"
+def _repeats(arguments: argparse.Namespace) -> int:
+    return USUAL_REPEATS if arguments.repeats is None else int(arguments.repeats)
 
 
 def _run_service(bench: FrameBench, arguments: argparse.Namespace) -> None:
     from rhytid_lab.bench.service import CLIENTS, METHODS, service_bench
 
+    rows: list[Latency] = []
     with service_bench(bench) as service:
         first = service.first_tile()
-        wanted = [(method, clients) for method in METHODS for clients in CLIENTS]
-        rows = [service.latency(*one) for one in counted(wanted, "service", "load")]
-    figures = {
-        "device": bench.device.info.name,
-        "size": bench.settings.resolution,
-        "tile_size": bench.settings.tile_size,
-        "wrinkles": bench.wrinkles,
-        "first_tile": asdict(first),
-        "results": [asdict(row) for row in rows],
-    }
-    milliseconds = (
-        f"{1000 * first.seconds:.1f} ms, its kernels {1000 * first.kernel_seconds:.1f} ms"
-    )
-    line = f"frame in, first tile out: {milliseconds}: {first.ratio:.1f} times"
-    report(figures, f"{line}\n{table(SERVICE_HEADER, map(_latency_row, rows))}", arguments.json)
 
+        def figures() -> dict[str, Any]:
+            return {
+                "device": bench.device.info.name,
+                "size": bench.settings.resolution,
+                "tile_size": bench.settings.tile_size,
+                "wrinkles": bench.wrinkles,
+                "first_tile": asdict(first),
+                "results": [asdict(row) for row in rows],
+            }
 
-def _latency_row(row: Latency) -> tuple[str, ...]:
-    seconds = (row.p50_seconds, row.p99_seconds, row.kernel_seconds)
-    p50, p99, kernel = (f"{1000 * s:.1f}" for s in seconds)
-    rate, share = f"{row.tiles_per_second:.0f}", f"{row.not_kernel:.2f}"
-    return row.method, str(row.clients), p50, p99, rate, kernel, share
+        with reported(arguments.json, figures, lambda: service_table(first, rows)):
+            wanted = [(method, clients) for method in METHODS for clients in CLIENTS]
+            rows.extend(service.latency(*one) for one in counted(wanted, "service", "load"))
 
 
 def _run_cases(bench: FrameBench, arguments: argparse.Namespace) -> None:
@@ -190,16 +193,21 @@ def _run_cases(bench: FrameBench, arguments: argparse.Namespace) -> None:
 
     names = tuple(n for n in IMPLEMENTATIONS if n in {OURS, *arguments.implementations})
     cases = [case for case in CASES if case in arguments.methods]
-    results = Comparison(bench, names, arguments.repeats).run(counted(cases, "bench", "case"))
-    figures = {
-        "device": bench.device.info.name,
-        "size": arguments.size,
-        "wrinkles": bench.wrinkles,
-        "copy_seconds": results.copy_seconds,
-        "results": [asdict(timing) for timing in results.timings],
-    }
-    report(figures, table(HEADER, _rows(results)), arguments.json)
-    _print_untimed(results, to_stderr=arguments.json == STDOUT)
+    comparison = Comparison(bench, names, _repeats(arguments))
+
+    def figures() -> dict[str, Any]:
+        results = comparison.results
+        return {
+            "device": bench.device.info.name,
+            "size": arguments.size,
+            "wrinkles": bench.wrinkles,
+            "copy_seconds": results.copy_seconds,
+            "results": [asdict(timing) for timing in results.timings],
+        }
+
+    with reported(arguments.json, figures, lambda: case_table(comparison.results, CASES)):
+        comparison.run(counted(cases, "bench", "case"))
+    print_untimed(comparison.results, to_stderr=arguments.json == STDOUT)
 
 
 def _add_names(
@@ -236,29 +244,6 @@ def _count(text: str) -> int:
     if not (text.isascii() and text.isdigit() and int(text) > 0):
         raise argparse.ArgumentTypeError(f"{text!r}: a whole number above 0")
     return int(text)
-
-
-def _rows(results: Results) -> list[tuple[str, ...]]:
-    timed = [
-        (e.case, e.implementation, f"{e.seconds:.4f}", f"{e.map_copies:.1f}",
-         f"{e.max_difference:.1e}" if e.max_difference else "0", "")
-        for e in results.timings
-    ]  # fmt: skip
-    left = [(e.case, e.implementation, "", "", "", e.reason) for e in results.untimed]
-    copy = ("copy", "rhytid", f"{results.copy_seconds:.4f}", "1.0", "", "")
-    rows = [*timed, *left]
-    return [copy, *sorted(rows, key=lambda row: CASES.index(row[0]))]
-
-
-def _print_untimed(results: Results, *, to_stderr: bool) -> None:
-    """Print which implementations were not timed, where no table shows them; raises RhytidError
-    where a result was wrong."""
-    if to_stderr:
-        for left in results.untimed:
-            print(f"{left.case}: {left.implementation}: {left.reason}", file=sys.stderr)
-    off = [f"{left.implementation} in {left.case}" for left in results.untimed if left.off]
-    if off:
-        raise RhytidError(f"the results differ from rhytid's: {', '.join(off)}")
 
 
 def frame_bench(arguments: argparse.Namespace) -> FrameBench:

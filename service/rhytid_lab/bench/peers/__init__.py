@@ -17,6 +17,8 @@ from rhytid_lab.bench.scene import Floats, Scene
 
 # Texels per side from which on the precomputed maps are too large for a host that holds them twice.
 _LARGEST_BINNED = 8192
+# Cases in which wrinkles are drawn.
+_OF_LINES = ("redraw", "neutral")
 # By name: the package that it needs, and the cases that it does.
 PEERS = {
     "opengl": ("moderngl", ("redraw", "neutral", "binned")),
@@ -43,6 +45,8 @@ def prepare(name: str, case: str, scene: Scene) -> Run:
         raise Unsupported("not installed")
     if case == "binned":
         _check_maps(scene)
+    elif case != "stretch":
+        _check_flat(scene, case)
     found: Run = import_module(f"rhytid_lab.bench.peers.with_{name}").CASES[case](scene)
     return found
 
@@ -56,6 +60,19 @@ def _check_maps(scene: Scene) -> None:
     bins = scene.settings.bins
     if bins != replace(PRESETS["paper"].bins, r_max=bins.r_max):
         raise Unsupported("left out: it blends the maps of the preset `paper` alone")
+
+
+def _check_flat(scene: Scene, case: str) -> None:
+    """Raise Unsupported for skin that the peers do not draw: that of graphs other than those of the
+    preset `paper`."""
+    lines, shape = scene.wrinkles, scene.settings.shape
+    more = (lines.stiffness, lines.waves, lines.slopes, lines.partners, lines.shares, lines.cushion)
+    if case in _OF_LINES and any(one is not None for one in more):
+        raise Unsupported(
+            "left out: it draws straight lines of one width alone; these bend, taper, or meet"
+        )
+    if shape.grain > 0.0 or shape.undulation > 0.0:
+        raise Unsupported("left out: it draws no grain and no swells")
 
 
 class Unsupported(Exception):
