@@ -169,7 +169,7 @@ def test_a_frame_passes_over_marked_samples(device):
     lines = made.lines(made.stretch(deform(made.mesh.positions, 5, 0.15)))
     blend = CushionBlend(device, made.settings, ShareRange.of(made.graph))
     before, after = (
-        device.read(blend.tiles([tile], lines)[0], (tile.side**2,), np.float32)
+        device.read(blend.tiles([tile], lines), (tile.side**2,), np.float32)
         for tile in (made.tile.cushion, marked)
     )
     own = slice(vector * VECTOR, (vector + 1) * VECTOR)

@@ -358,7 +358,7 @@ def test_a_blend_takes_the_stretch_of_owners(maps):
     stretch, response = maps.stretch(positions), maps.settings.response
     lines = BinnedScene.lines(maps, stretch)
     found = CushionBlend(maps.device, maps.settings, ShareRange.of(maps.graph))
-    (out,) = found.tiles([maps.maps], lines)
+    out = found.tiles([maps.maps], lines)
     got = maps.device.read(out, (maps.maps.side**2,), np.float32) / DEPTH
     limit = response.log_stretch_limit
     ratios, axes = reference_stretch(maps.mesh, positions)

@@ -168,21 +168,23 @@ inline void blend_vector(__global const int *firsts, __global const int2 *member
     vstore16(d, 0, out + i * WIDTH);
 }
 
-// Up to four tiles of as many texels at once, as blend_vector has it: work-item (vector, tile).
+// Up to four tiles of as many texels at once, as blend_vector has it: work-item (vector, tile). coarse: of
+// so many tiles before them, and of them, `values` each.
 #define TILE(k)                                                                                    \
     __global const int *firsts##k, __global const int2 *members##k, __global const CODE *codes##k, \
-        __global const float *coarse##k, __global const char *grain##k, __global float *out##k
+        __global const char *grain##k, __global float *out##k
 #define BLEND(k)                                                                                   \
     case k:                                                                                        \
-        blend_vector(firsts##k, members##k, codes##k, coarse##k, grain##k, coefficients, gains,    \
-                     unit, width, amplitude, depth, out##k);                                       \
+        blend_vector(firsts##k, members##k, codes##k, coarse + (before + k) * values, grain##k,    \
+                     coefficients, gains, unit, width, amplitude, depth, out##k);                  \
         break;
 
 // It is in vectors already: without the hint Intel's compiler packs work-items, which takes half as
 // long again.
 __kernel __attribute__((vec_type_hint(float16))) void
 blend(TILE(0), TILE(1), TILE(2), TILE(3), __global const float *coefficients,
-      __global const float *gains, float unit, int width, float amplitude, float depth)
+      __global const float *gains, __global const float *coarse, int before, int values, float unit,
+      int width, float amplitude, float depth)
 {
     switch (get_global_id(1)) {
         BLEND(0)

@@ -16,6 +16,9 @@ class Buffer:
     every `release` calls it.
     """
 
+    # A frame makes some seventy, whose dictionaries Python would look through for garbage.
+    __slots__ = ("_release_by", "handle", "nbytes", "released")
+
     def __init__(self, nbytes: int, handle: Any, release_by: Callable[[Buffer], None]) -> None:
         self.nbytes, self.handle = nbytes, handle
         self.released = False

@@ -119,6 +119,7 @@ class Device:
         limit = memory or usual_device_memory(candidate)
         self.budget = MemoryBudget(limit, self.pool, self._dropped)
         self.born: list[Buffer] = []
+        self._taking_back = self._take_back  # made once, not for every buffer
         self.pacing, self.work_pace = LaunchPacing(), FIRST_WORK
         self._of_thread = threading.local()
         self.shapes = launch_shapes(candidate.kind, candidate.local_memory, candidate.largest_group)
@@ -267,7 +268,7 @@ class Device:
         """A buffer with the bytes of `host`, or uninitialised and out of spare memory, where there
         is any."""
         spare = self.budget.reserve(nbytes, reuse=host is None)
-        buffer = Buffer(nbytes, spare, self._take_back)
+        buffer = Buffer(nbytes, spare, self._taking_back)
         self.born.append(buffer)
         if spare is None:
             buffer.handle = self._allocate(nbytes, host)

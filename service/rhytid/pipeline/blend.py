@@ -79,9 +79,11 @@ class Coefficients(BufferGroup):
 
 
 class _Raised(NamedTuple):
-    """The broad layer of tiles, and what kernels must know of it."""
+    """The broad layer of tiles, one after the other, with so many values each, and what kernels
+    must know of it."""
 
-    coarse: Sequence[Buffer | None]
+    coarse: Buffer | None
+    values: int
     defines: Mapping[str, object]
 
 
@@ -194,24 +196,24 @@ class Blend:
             some = slice(first, first + RAISED_A_LAUNCH)
             codes = grains[some] if grains else [None] * len(made[some])
             with self._raised(tiles[some], lines) as raised:
-                parts = list(zip(tiles[some], raised.coarse, codes, made[some], strict=True))
+                parts = list(zip(tiles[some], codes, made[some], strict=True))
                 for at in range(0, len(parts), TILES_A_LAUNCH):
-                    these = parts[at : at + TILES_A_LAUNCH]
-                    self._launch_blend(these, coefficients, raised.defines)
+                    self._launch_blend(parts[at : at + TILES_A_LAUNCH], coefficients, raised, at)
         return made
 
     def _launch_blend(
         self,
-        parts: Sequence[tuple[BinTile, Buffer | None, Buffer | None, Buffer]],
+        parts: Sequence[tuple[BinTile, Buffer | None, Buffer]],
         coefficients: Coefficients,
-        raised: Mapping[str, object],
+        raised: _Raised,
+        at: int,
     ) -> None:
         """Blend TILES_A_LAUNCH tiles at most.
 
-        parts: each tile, its broad layer, the codes of its grain, and where it is written.  raised:
-        the defines of the broad layer.
+        parts: each tile, the codes of its grain, and where it is written.  at: where the first is
+        among those of the broad layer.
         """
-        first, _, grain, _ = parts[0]
+        first, grain, _ = parts[0]
         vectors = first.texels // VECTOR
         of_each = [
             (tile.triangles.firsts, tile.triangles.members, tile.codes, *others)
@@ -221,11 +223,12 @@ class Blend:
         self._device.launch(
             "blend", "blend", (vectors, len(parts)),
             *chain.from_iterable(of_each), coefficients.own,
-            None if grain is None else coefficients.gains, self._unit, first.place[0],
+            None if grain is None else coefficients.gains, raised.coarse,
+            np.int32(at), np.int32(raised.values), self._unit, first.place[0],
             np.float32(grain_amplitude(self._settings)), np.float32(self._settings.depth),
             group=_group(self._device.shape.vectors, vectors),
             defines={
-                **self._layers, **self._codes, **raised,
+                **self._layers, **self._codes, **raised.defines,
                 **({} if grain is None else {**self._response, "GRAINY": 1}),
             },
         )  # fmt: skip
@@ -241,7 +244,7 @@ class Blend:
                 "blend_stiff", "blend_stiff", (maps.texels // VECTOR,),
                 maps.triangles.firsts, maps.triangles.members, maps.stiffness, maps.codes,
                 stretches, self._steps, self._last_sample, self._exponents, self._unit,
-                maps.place[0], *raised.coarse, out,
+                maps.place[0], raised.coarse, out,
                 defines={**self._sampled, **raised.defines},
             )  # fmt: skip
         return out
@@ -265,7 +268,7 @@ class Blend:
                 maps.triangles.firsts, maps.triangles.members, maps.codes, self._steps,
                 self._directions, self._last_sample, self._exponents, self._unit,
                 *maps.place, *fields.arguments(located),
-                fields.neutral, maps.stiffness, *raised.coarse, out,
+                fields.neutral, maps.stiffness, raised.coarse, out,
                 defines={**self._sampled, **raised.defines},
             )  # fmt: skip
         return out
@@ -276,14 +279,14 @@ class Blend:
         none."""
         found = [maps.cushion for maps in tiles if maps.cushion is not None]
         if self._cushion is None or len(found) < len(tiles):
-            yield _Raised([None] * len(tiles), {})
+            yield _Raised(None, 0, {})
             return
         assert lines is not None
         coarse = self._cushion.tiles(found, lines)
         texels = int(tiles[0].place[0])
-        yield _Raised(coarse, {"RAISED": 1, "COARSER": texels // (found[0].side - 2 * APRON)})
-        for buffer in coarse:
-            buffer.release()
+        defines = {"RAISED": 1, "COARSER": texels // (found[0].side - 2 * APRON)}
+        yield _Raised(coarse, found[0].side ** 2 + MORE, defines)
+        coarse.release()
 
     @property
     def _sampled(self) -> dict[str, object]:
@@ -326,19 +329,21 @@ class CushionBlend:
             **device.ahead_defines,
         }
 
-    def tiles(self, tiles: Sequence[CushionTile], lines: Buffer) -> list[Buffer]:
+    def tiles(self, tiles: Sequence[CushionTile], lines: Buffer) -> Buffer:
         """float32 displacement of the samples of tiles, RAISED_A_LAUNCH at most with equally many
-        samples, on the device, with MORE values behind those of each.
+        samples, on the device, one tile after the other with MORE values behind those of each. One
+        buffer, as each costs the host some microseconds in every launch.
 
         lines: `ends` of LineStretches.
         """
         vectors = tiles[0].side ** 2 // VECTOR
-        made = [self._device.empty(maps.side**2 + MORE, np.float32) for maps in tiles]
-        of_each = [(maps.owners, maps.codes, out) for maps, out in zip(tiles, made, strict=True)]
+        made = self._device.empty(len(tiles) * (VECTOR * vectors + MORE), np.float32)
+        of_each = [(maps.owners, maps.codes) for maps in tiles]
         of_each += [of_each[0]] * (RAISED_A_LAUNCH - len(tiles))  # which no work-item looks at
         self._device.launch(
             "blend_cushions", "blend_cushions", (vectors, len(tiles)),
             *chain.from_iterable(of_each), lines, self._steps, self._last, self._exponent,
+            np.int32(MORE), made,
             group=_group(self._device.shape.vectors, vectors),
             defines=self._defines,
         )  # fmt: skip
