@@ -153,7 +153,7 @@ def test_coarse_regions_are_these() -> None:
     old["mouth"] = replace(old["mouth"], strength=1.6, pore_strength=1.3, undulation=1.0, young=1.0)
     old["forehead"] = replace(old["forehead"], undulation=1.0)
     assert {n: r.old for n, r in found.items()} == old
-    assert not any(region.bumps for region in found.values())
+    assert not any(region.event_patches for region in found.values())
     others = (found["lip"].bend, found["lip"].patchiness, found["neck"].bend)
     assert others == (0.6, 0.6, 0.5)
     patchiness = {n: found[n].patchiness for n in ("forehead", "nose", "eye_corner", "neck")}

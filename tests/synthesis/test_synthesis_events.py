@@ -194,7 +194,7 @@ def in_patches(region: str, **changes: float | str) -> tuple[NDArray[np.float64]
     assert found is not None
     np.testing.assert_array_equal(found.points.position, even.points.position)
     at = even.points.triangle, even.points.uv
-    return found.weight.astype(np.float64) / even.weight, even, patched.bumps(*at)
+    return found.weight.astype(np.float64) / even.weight, even, patched.event_patches(*at)
 
 
 def test_bumps_of_a_neck_are_lower_in_quiet_patches_and_moles_are_not() -> None:

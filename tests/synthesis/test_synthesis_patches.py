@@ -182,9 +182,9 @@ def fields(settings: GraphSettings = SETTINGS, controls: Controls | None = None)
 def test_bumps_are_highest_where_lines_are_strong() -> None:
     triangle, uv = points()
     patchy = fields(replace(SETTINGS, region="neck"))
-    lively, bumps = patchy.strength(triangle, uv), patchy.bumps(triangle, uv)
+    lively, bumps = patchy.strength(triangle, uv), patchy.event_patches(triangle, uv)
     assert (np.diff(bumps[np.argsort(lively)]) > -1e-4).all()
-    more = fields(replace(SETTINGS, region="neck", patches=1.5)).bumps(triangle, uv)
+    more = fields(replace(SETTINGS, region="neck", patches=1.5)).event_patches(triangle, uv)
     assert more.min() < 0.8 * bumps.min()
 
 

@@ -1,4 +1,4 @@
-// Adds events, single bumps and pits of the skin, to a square that is drawn. Coordinates are texels from
+// Adds events, single features of the skin, to a square that is drawn. Coordinates are texels from
 // the lower left corner of a block, v up, so that any tiling gives the same bits. Within 1e-6 of the
 // height of an event of weight 1 of the same in double.
 #include "least_pore.clh"

@@ -66,8 +66,9 @@ class Region:
     any age.  crossed: of how far it has long level ones, too, whatever else folds it.  rings: how
     far it has long soft lines around the vertical axis.  creases: how far it has upright ones close
     together, as lips do.  uneven: how far lines between leaders differ by chance from those beside
-    them, and leaders stay as narrow with age.  bumps: how far bumps are lower in quiet patches, and
-    higher in lively ones.  old: what age makes of the others.
+    them, and leaders stay as narrow with age.  event_patches: how far events that follow patches,
+    as bumps do, are lower in quiet ones, and higher in lively ones.  old: what age makes of the
+    others.
     """
 
     density: float = 1.0
@@ -88,7 +89,7 @@ class Region:
     rings: float = 0.0
     creases: float = 0.0
     uneven: float = 0.0
-    bumps: float = 0.0
+    event_patches: float = 0.0
     old: Old = Old()
 
 
@@ -189,7 +190,7 @@ REGIONS: dict[str, Region] = {
         patchiness=4.2,
         leading=0.12,
         rings=1.0,
-        bumps=1.0,
+        event_patches=1.0,
         pore_strength=0.95,
         old=Old(
             strength=2.1, pore_strength=1.4, anisotropy=1.1, contrast=1.0, grain=1.2, young=1.4
@@ -256,7 +257,7 @@ _COARSE: dict[str, dict[str, Any]] = {
         "scale": 1.0,
         "leading": 1.2,
         "patchiness": 3.3,
-        "bumps": 0.0,
+        "event_patches": 0.0,
         "old": Old(strength=2.1, anisotropy=1.1, contrast=1.0, grain=1.2),
     },
     "mouth": {

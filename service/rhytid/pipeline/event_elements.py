@@ -1,4 +1,4 @@
-"""The events of one UDIM, single bumps and pits of the skin: as arrays for drawing, in texels, and
+"""The events of one UDIM, single features of the skin: as arrays for drawing, in texels, and
 on the device."""
 
 from __future__ import annotations

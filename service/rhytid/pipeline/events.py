@@ -1,7 +1,7 @@
-"""Adds the events of a graph, single bumps and pits of the skin, to what any method draws.
+"""Adds the events of a graph, single features of the skin, to what any method draws.
 Kernels: respond.cl, smooth.cl, events.cl.
 
-They are few, and their heights are added to those of wrinkles and pores: lines run on over a bump,
+They are few, and their heights are added to those of wrinkles and pores: lines run on over a scar,
 and `binned`, whose maps do not hold them, has them as exactly as `redraw`.
 """
 

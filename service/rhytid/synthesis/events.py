@@ -229,7 +229,7 @@ class _Throw:
         height = radius / self._millimetre * _between(kind, "steepness", sizes[:, 1])
         weight = height / (EVENT_DEPTHS * depth) * fields.event_strength(points.triangle, points.uv)
         patched = _of_kinds(kind, [e.patched for e in KINDS])
-        weight *= fields.bumps(points.triangle, points.uv) ** patched
+        weight *= fields.event_patches(points.triangle, points.uv) ** patched
         weight = np.clip(weight, _LEAST_WEIGHT, 1.0)
         longer = 1.0 + (_of_kinds(kind, [e.longer for e in KINDS]) - 1.0) * sizes[:, 2] ** 2
         angle = _angles(surface, points, np.pi * sizes[:, 3])

@@ -164,7 +164,7 @@ class Fields:
         """Factor of the height of events, at most 1."""
         return np.ones(len(triangle), np.float32)
 
-    def bumps(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+    def event_patches(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the height of events that follow patches."""
         return np.ones(len(triangle), np.float32)
 

@@ -37,7 +37,7 @@ _SLACK = 1.0 + 1e-5
 _FACTORS = ("density", "strength", "anisotropy", "scale", "pore_radius")
 # Shares of a region with creases at which these begin, and are as deep as anywhere.
 _NO_CREASES, _CREASED = np.float32(0.35), np.float32(0.85)
-# The most that patches make of the height of bumps: higher ones would be pebbles.
+# The most that patches make of the height of events: higher bumps would be pebbles.
 _HIGHEST = np.float32(1.4)
 
 
@@ -340,14 +340,14 @@ class PaintedFields(Fields):
         dark = np.minimum(signed(self._maps["strength"].at(triangle, uv)), np.float32(0.0))
         return np.asarray(np.float32(1.0) + dark)
 
-    def bumps(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+    def event_patches(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the height of events that follow patches: with the strength of lines, as far as
         the regions say, so that few stand out on quiet skin."""
         if self._patches is None:
-            return super().bumps(triangle, uv)
-        amount = self._regions.factor("bumps", triangle, uv)
+            return super().event_patches(triangle, uv)
+        amount = self._regions.factor("event_patches", triangle, uv)
         amount *= np.float32(self._settings.patches)
-        found: Factors = np.minimum(self._patches.factor("bumps", amount, triangle, uv), _HIGHEST)
+        found: Factors = np.minimum(self._patches.factor("events", amount, triangle, uv), _HIGHEST)
         return found
 
     def patchiness(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:

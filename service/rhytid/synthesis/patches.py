@@ -37,7 +37,7 @@ _FIELDS = {
     "pore_radius": (0.10, 0.2, 13),
     "density": (0.18, 0.3, 12),
     "turn": (0.22, 0.33, 15),
-    "bumps": (0.6, 0.9, STRENGTH_SALT),
+    "events": (0.6, 0.9, STRENGTH_SALT),
 }
 # Of what keeps the mean of a log-normal factor at 1, what that of lines needs: weights end at 1,
 # which takes the rest where lines are strong and patches differ much.
@@ -80,7 +80,8 @@ class Patches:
         self, name: str, amount: Factors, triangle: NDArray[Any], uv: NDArray[Any]
     ) -> Factors:
         """(N,) factors of a property, about 1 in the mean: `strength` of lines, that of pores
-        `beside_lines` and of `pores` themselves, `pore_radius`, `density` or the height of `bumps`.
+        `beside_lines` and of `pores` themselves, `pore_radius`, `density`, or the height of
+        `events`.
 
         amount: (N,) patchiness, 0 for even skin; (1,) of all.  triangle (N,), uv (N, 2): of the
         points.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid_lab.samples.face_shape import MOUTH, MOUTH_HALF_WIDTH, Chart
-from rhytid_lab.samples.fields import Field, bump, odd_pair, pair, ramp, ridge
+from rhytid_lab.samples.fields import Field, hill, odd_pair, pair, ramp, ridge
 
 _HINGE = (0.3, -7.5)
 _JAW_ANGLE = np.radians(13.0)
@@ -31,7 +31,7 @@ def brow_furrow(c: Chart, points: Field, upper: NDArray[np.bool_]) -> Field:
         c,
         right=-0.65 * odd_pair(x, q, (2.4, 2.9), (1.4, 1.5)),
         up=-0.50 * pair(x, q, (1.8, 3.1), (1.8, 1.4)),
-        out=0.16 * bump(x, q, (0, 2.9), (0.5, 0.8)),
+        out=0.16 * hill(x, q, (0, 2.9), (0.5, 0.8)),
     )
 
 
@@ -58,9 +58,9 @@ def frown(c: Chart, points: Field, upper: NDArray[np.bool_]) -> Field:
         c,
         right=0.15 * odd_pair(x, q, (2.6, -6.8), (1.2, 1.2)),
         up=-0.75 * pair(x, q, _CORNER, (1.2, 1.35))
-        + 0.35 * bump(x, q, (0, -8.2), (1.3, 1.2))
-        + 0.15 * bump(x, q, (0, -6.2), (1.1, 0.9)),
-        out=0.22 * bump(x, q, (0, -8.6), (1.2, 0.9)) + 0.15 * pair(x, q, (3.1, -7.2), (0.8, 0.9)),
+        + 0.35 * hill(x, q, (0, -8.2), (1.3, 1.2))
+        + 0.15 * hill(x, q, (0, -6.2), (1.1, 0.9)),
+        out=0.22 * hill(x, q, (0, -8.6), (1.2, 0.9)) + 0.15 * pair(x, q, (3.1, -7.2), (0.8, 0.9)),
     )
     return mouth + 0.5 * brow_furrow(c, points, upper)
 
@@ -85,7 +85,7 @@ def pucker(c: Chart, points: Field, upper: NDArray[np.bool_]) -> Field:
     return _move(
         c,
         right=-0.80 * odd_pair(x, q, _CORNER, (1.35, 1.3)),
-        out=0.75 * bump(x, q, (0, MOUTH), (1.3, 0.95)) - 0.2 * pair(x, q, (4.4, -5.2), (1.2, 1.4)),
+        out=0.75 * hill(x, q, (0, MOUTH), (1.3, 0.95)) - 0.2 * pair(x, q, (4.4, -5.2), (1.2, 1.4)),
     )
 
 
@@ -96,8 +96,8 @@ def cheek_puff(c: Chart, points: Field, upper: NDArray[np.bool_]) -> Field:
         c,
         right=0.25 * odd_pair(x, q, (4.4, -5.2), (1.6, 1.6)),
         out=1.5 * pair(x, q, (4.4, -5.2), (1.7, 1.7))
-        + 0.30 * bump(x, q, (0, -4.9), (1.6, 0.6))
-        + 0.25 * bump(x, q, (0, -7.2), (1.5, 0.5)),
+        + 0.30 * hill(x, q, (0, -4.9), (1.6, 0.6))
+        + 0.25 * hill(x, q, (0, -7.2), (1.5, 0.5)),
     )
 
 

@@ -1,4 +1,4 @@
-"""The neutral face: an egg of cross-sections, then a sculptor's bumps and grooves. In cm.
+"""The neutral face: an egg of cross-sections, then a sculptor's hills and grooves. In cm.
 
 The chart has two coordinates. q is the height along the midline, 0 between nose and brow, the
 mouth line at `MOUTH`. a is the arc length across, 0 at the midline. A point of the egg is
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid_lab.samples.fields import Field, bump, pair, ramp, ridge, through
+from rhytid_lab.samples.fields import Field, hill, pair, ramp, ridge, through
 from rhytid_lab.samples.grids import grid_indices, rounded
 
 BOTTOM, TOP = -11.8, 11.4
@@ -86,7 +86,7 @@ def sculpt(c: Chart) -> Field:
     forward = np.array([0.0, 0.0, 1.0])
     out = _skull(c) + _eyes(c) + _mouth(c)
     nose = _nose(c)
-    droop = 0.15 * bump(c.x, c.q, (0, -2.9), (0.9, 0.7))
+    droop = 0.15 * hill(c.x, c.q, (0, -2.9), (0.9, 0.7))
     moved: Field = out[:, None] * c.out + nose[:, None] * forward - droop[:, None] * c.up
     return c.point + moved
 
@@ -95,14 +95,14 @@ def _skull(c: Chart) -> Field:
     x, q = c.x, c.q
     return (
         0.30 * ridge(x, q, [(1.3, 2.5), (3.4, 2.95), (5.9, 2.0)], 0.75)
-        + 0.16 * bump(x, q, (0, 2.5), (1.0, 0.8))
+        + 0.16 * hill(x, q, (0, 2.5), (1.0, 0.8))
         + 0.25 * pair(x, q, (2.4, 6.3), (2.2, 1.8))
         - 0.30 * pair(x, q, (7.0, 3.4), (1.5, 2.2))
         + 0.34 * pair(x, q, (5.2, -1.2), (2.0, 1.5))
         + 0.40 * pair(x, q, (3.6, -2.6), (1.5, 1.5))
         - 0.22 * pair(x, q, (5.4, -5.0), (1.6, 1.8))
         + 0.25 * pair(x, q, (5.4, -8.0), (1.8, 1.4))
-        + 0.80 * bump(x, q, (0, -9.2), (1.7, 1.05))
+        + 0.80 * hill(x, q, (0, -9.2), (1.7, 1.05))
     )
 
 
@@ -126,7 +126,7 @@ def _nose(c: Chart) -> Field:
     section = np.exp(-((np.abs(x) / through(q, _NOSE_WIDTH)) ** 2.2))
     return (
         height * section
-        + 0.28 * bump(x, q, (0, -2.8), (0.62, 0.55))
+        + 0.28 * hill(x, q, (0, -2.8), (0.62, 0.55))
         + 0.75 * pair(x, q, (1.2, -3.15), (0.45, 0.42))
         - 0.12 * ridge(x, q, [(1.1, -2.3), (1.75, -2.8), (2.1, -3.8)], 0.2)
         - 0.35 * pair(x, q, (0.62, -3.75), (0.26, 0.2))
@@ -143,14 +143,14 @@ def _mouth(c: Chart) -> Field:
     lower = np.exp(-0.5 * ((q - MOUTH + 0.52 * pout) / (0.36 * pout)) ** 2)
     line = np.exp(-0.5 * ((q - MOUTH) / 0.15) ** 2)
     return (
-        0.65 * bump(x, q, (0, -5.8), (2.6, 1.8))
+        0.65 * hill(x, q, (0, -5.8), (2.6, 1.8))
         + 0.42 * ramp(across, 1.1, 0.2) * upper
         + 0.42 * ramp(across, 1.05, 0.2) * lower
         - 0.30 * ramp(across, 1.12, 0.8) * line
-        - 0.11 * bump(x, q, (0, -4.75), (0.26, 0.45))
+        - 0.11 * hill(x, q, (0, -4.75), (0.26, 0.45))
         + 0.06 * pair(x, q, (0.5, -4.85), (0.25, 0.5))
         - 0.20 * pair(x, q, (2.55, MOUTH - 0.05), (0.42, 0.45))
-        - 0.32 * bump(x, q, (0, -7.5), (1.3, 0.45))
+        - 0.32 * hill(x, q, (0, -7.5), (1.3, 0.45))
         - 0.07 * ridge(x, q, [(1.7, -3.4), (2.7, -4.7), (3.6, -6.6)], 0.45)
     )
 

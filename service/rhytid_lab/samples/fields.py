@@ -10,19 +10,19 @@ from numpy.typing import ArrayLike, NDArray
 Field = NDArray[np.float64]
 
 
-def bump(x: Field, y: Field, centre: tuple[float, float], width: tuple[float, float]) -> Field:
+def hill(x: Field, y: Field, centre: tuple[float, float], width: tuple[float, float]) -> Field:
     """A Gaussian of height 1: `width` holds its standard deviations along x and y."""
     return np.exp(-0.5 * (((x - centre[0]) / width[0]) ** 2 + ((y - centre[1]) / width[1]) ** 2))
 
 
 def pair(x: Field, y: Field, centre: tuple[float, float], width: tuple[float, float]) -> Field:
-    """A bump and its mirror image at -x; each keeps height 1 where the other is far."""
-    return bump(x, y, centre, width) + bump(x, y, (-centre[0], centre[1]), width)
+    """A hill and its mirror image at -x; each keeps height 1 where the other is far."""
+    return hill(x, y, centre, width) + hill(x, y, (-centre[0], centre[1]), width)
 
 
 def odd_pair(x: Field, y: Field, centre: tuple[float, float], width: tuple[float, float]) -> Field:
-    """A bump at `centre` and its negative at -x: for movement across, away from the midplane."""
-    return bump(x, y, centre, width) - bump(x, y, (-centre[0], centre[1]), width)
+    """A hill at `centre` and its negative at -x: for movement across, away from the midplane."""
+    return hill(x, y, centre, width) - hill(x, y, (-centre[0], centre[1]), width)
 
 
 def ridge(x: Field, y: Field, points: Sequence[tuple[float, float]], width: float) -> Field:

@@ -20,7 +20,7 @@ def curved(u: FloatArray, v: FloatArray) -> FloatArray:
     return np.stack([x, y, 0.3 * x * x - 0.2 * y * y + 0.1 * x * y], axis=-1)
 
 
-def bumps(u: FloatArray, v: FloatArray) -> FloatArray:
+def waves(u: FloatArray, v: FloatArray) -> FloatArray:
     """Slopes up to about 20 degrees in any direction."""
     return 0.008 * np.sin(43 * u + 11 * v) * np.cos(37 * v - 9 * u)
 

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from exports.textures.patches import (
     all_triangles,
-    bumps,
     centres,
     curved,
     degrees_between,
@@ -17,6 +16,7 @@ from exports.textures.patches import (
     tangents,
     true_normals,
     unit,
+    waves,
 )
 from rhytid.domain.mesh import Mesh
 from rhytid.exports.textures.frame_map import Chart
@@ -49,8 +49,8 @@ def test_a_curved_patch_is_shaded_as_the_displaced_mesh(mirrored: bool) -> None:
     is 0.8 % of the slopes; differences over two texels and the 48 facets make up the rest."""
     mesh = grid_mesh(curved, 48, mirrored=mirrored)
     u, v = centres()
-    heights = bumps(u, v)
-    wanted = fine_normals(curved, bumps)
+    heights = waves(u, v)
+    wanted = fine_normals(curved, waves)
     normal = true_normals(curved, u, v)
     along = tangents(curved, u, v)[0] * (-1 if mirrored else 1)
     assert degrees_between(wanted, normal).max() > 15
@@ -73,10 +73,10 @@ def test_the_metric_is_that_of_the_frame() -> None:
 
     u, v = centres()
     posed = grid_mesh(curved, 48).positions
-    map = drawn(grid_mesh(flat, 48), bumps(u, v), posed)
+    map = drawn(grid_mesh(flat, 48), waves(u, v), posed)
 
     found = shaded(map, tangents(curved, u, v)[0], true_normals(curved, u, v))
-    error = degrees_between(found, fine_normals(curved, bumps))[1:-1, 1:-1]
+    error = degrees_between(found, fine_normals(curved, waves))[1:-1, 1:-1]
     assert error.max() < 0.3
 
 
@@ -162,7 +162,7 @@ def test_a_triangle_without_area_in_a_frame_is_flat() -> None:
     """As a lid that closes: no slopes, and no texel that is no number."""
     mesh = grid_mesh(curved, 8)
     u, v = centres()
-    heights = bumps(u, v)
+    heights = waves(u, v)
     posed = mesh.positions.astype(np.float64)
     posed[mesh.faces[0]] = posed[mesh.faces[0, 0]]
 

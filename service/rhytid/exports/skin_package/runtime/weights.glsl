@@ -97,7 +97,7 @@ float rhytid_grain_gain(RhytidStretch s)
 #endif
 }
 
-// How much of events, bumps and pits of the neutral, shows: as of pores that answer less.
+// How much of events, single features of the neutral, shows: as of pores that answer less.
 float rhytid_event_gain(RhytidStretch s)
 {
 #if EVENTS
