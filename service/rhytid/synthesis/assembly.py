@@ -14,7 +14,9 @@ from rhytid.synthesis.events import Events
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.hashes import place_keys
 from rhytid.synthesis.leader_families import leading_any_way
+from rhytid.synthesis.leaders import unit_length
 from rhytid.synthesis.lines import Lines, ends_of, joins_of
+from rhytid.synthesis.perioral import PerioralLines
 from rhytid.synthesis.pore_density import Usual
 from rhytid.synthesis.progress import Progress, over_block, over_rows, part, row_blocks
 from rhytid.synthesis.ranks import RankedLines, Ranks, calm_of, unevenness
@@ -89,9 +91,14 @@ class GraphParts:
         none = np.zeros(len(lines.owner), np.float32)
         ranks = self.strengths.ranks
         leads = None if ranks is None else ranks.leads[lines.edge]
+        aged = None if leads is None else self._perioral(leads, (weight, width, half_width))
+        if leads is not None and aged is not None:
+            leads |= aged
         joins = joins_of(ground, pores, lines, weight, leads)
         if ranks is not None:
             amount = ranks.unevenness(lines.edge, lines.pores)
+            if aged is not None:
+                amount[aged] = 0.0
             fainter, narrower = unevenness(pores, lines, joins.partners, amount, self.seed)
             _scale(weight, fainter)
             width *= narrower
@@ -129,6 +136,20 @@ class GraphParts:
 
         arrays = with_copies(arrays, ground.surface, self.borders, least, over_seams)
         return arrays | _of_nodes(arrays, beside)
+
+    def _perioral(
+        self, leads: NDArray[np.bool_], sizes: tuple[NDArray[np.float32], ...]
+    ) -> NDArray[np.bool_] | None:
+        """Which lines (W,) age draws from the border of the lips; None where there are none. Their
+        weights and half widths, on the surface and in UV, are changed in place.  leads (W,): which
+        are parts of leaders."""
+        ground, lines, ranks = self.ground, self.lines, self.strengths.ranks
+        assert ranks is not None
+        scale, weight = ground.surface.scale, sizes[0]
+        millimetre = unit_length(ground.unit, self.spacing * scale) / scale
+        worn = ranks.worn_by_age
+        found = PerioralLines.of(ground, self.pores, lines, weight, millimetre, worn, self.seed)
+        return None if found is None else found.drawn(lines, leads, sizes, self.spacing)
 
     def _beside(self) -> dict[str, NDArray[np.float32]]:
         """Factors of nodes by name: of pores, of nodes beyond a border, then of events."""

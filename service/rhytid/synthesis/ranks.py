@@ -100,6 +100,7 @@ class Ranks:
     calm (N,) float32: how far patches do not make other lines livelier, at each pore.
     of_pores (N,) float32: factor of the depth of the pores.  uneven (N,) float32: how far
     other lines differ by chance from those beside them, at each pore.  rank: the setting.
+    worn_by_age: how worn skin is at its age.
     """
 
     row: Indices
@@ -114,6 +115,7 @@ class Ranks:
     of_pores: Singles
     uneven: Singles
     rank: float
+    worn_by_age: float = 0.0
 
     @classmethod
     def of(
@@ -152,6 +154,7 @@ class Ranks:
             _beside_none(0.0, width), _beside_none(0.0, np.minimum(profile, 1.0)),
             np.append(0, along.family).astype(np.int8), (quiet**rank).astype(np.float32),
             (creased**rank).astype(np.float32), calm_of(leading, rank), of_pores, uneven, rank,
+            worn,
         )  # fmt: skip
 
     @property

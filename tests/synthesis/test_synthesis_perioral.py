@@ -1,0 +1,111 @@
+"""Lines that age draws from the border of a painted lip."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rhytid.device.runtime import Device
+from rhytid.domain.asset_settings import GraphSettings
+from rhytid.domain.expressions import ENOUGH, Folds
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.painted_maps import Controls
+from rhytid.domain.skin import COARSE, depth_factor
+from rhytid.synthesis import perioral
+from rhytid.synthesis.generate import synthesize
+from synthesis import sheets
+from synthesis.painted import painted
+
+MESH, COUNT = sheets.sheet(), 15_000
+# The lip is a band as wide as the sheet: shares of its height at which it is white.
+LOW, HIGH = 0.42, 0.58
+
+
+@cache
+def lip_and_mouth() -> Controls:
+    v = 1.0 - (np.arange(64) + 0.5) / 64
+    inside = ((v > LOW) & (v < HIGH)).astype(np.float32)
+    lip = np.repeat(inside[:, None], 64, axis=1)
+    return painted(region_lip=lip, region_mouth=np.float32(1.0) - lip)
+
+
+@cache
+def folds() -> Folds:
+    """Skin that is compressed along the lip, and folds across it."""
+    tensor = np.zeros((len(MESH.positions), 6), np.float32)
+    tensor[:, 0] = 0.04**2
+    return Folds(tensor, ENOUGH)
+
+
+def grown(device: Device, age: float, anatomy: str = "fine") -> WrinkleGraph:
+    settings = GraphSettings(wrinkles=COUNT, patches=0.0, events=0.0, age=age, anatomy=anatomy)
+    return synthesize(MESH, settings, device, controls=lip_and_mouth(), folds=folds()).graph
+
+
+def without(
+    device: Device, monkeypatch: pytest.MonkeyPatch, age: float, anatomy: str = "fine"
+) -> WrinkleGraph:
+    with monkeypatch.context() as patched:
+        patched.setattr(perioral.PerioralLines, "of", lambda *_: None)
+        return grown(device, age, anatomy)
+
+
+def deepened(one: WrinkleGraph, two: WrinkleGraph) -> NDArray[np.intp]:
+    """Lines that are deeper in the first graph, of two with the same lines."""
+    np.testing.assert_array_equal(one.edge_nodes, two.edge_nodes)
+    return np.flatnonzero(one.edge_weight > two.edge_weight + 0.02)
+
+
+@pytest.mark.parametrize(("age", "anatomy"), [(20.0, "fine"), (35.0, "fine"), (65.0, COARSE)])
+def test_skin_without_them_is_what_it_was(
+    device: Device, monkeypatch: pytest.MonkeyPatch, age: float, anatomy: str
+) -> None:
+    bare = without(device, monkeypatch, age, anatomy).arrays()
+    for name, array in grown(device, age, anatomy).arrays().items():
+        np.testing.assert_array_equal(array, bare[name])
+
+
+def test_they_run_up_and_down_from_the_border_and_fade(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    skin, bare = grown(device, 65.0), without(device, monkeypatch, 65.0)
+    np.testing.assert_array_equal(skin.node_uv, bare.node_uv)
+    lines = deepened(skin, bare)
+    assert len(lines) > 60
+    ends = skin.node_uv[skin.edge_nodes[lines]].astype(np.float64)
+    step, v = ends[:, 1] - ends[:, 0], ends[..., 1].mean(axis=1)
+    along = np.abs(step[:, 1]) / np.linalg.norm(step, axis=1)
+    assert np.median(along) > 0.85
+    away = np.maximum(v - HIGH, LOW - v)
+    # Pores are half a millimetre apart where nothing is painted: the sheet is some 40 mm high.
+    assert -0.03 < away.min() < 0.03
+    assert 0.1 < away.max() < 0.35
+    near, far = away < np.percentile(away, 40), away > np.percentile(away, 80)
+    weight = skin.edge_weight[lines]
+    assert weight[near].mean() > 1.5 * weight[far].mean()
+
+
+def test_fifty_has_a_hint_of_them(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    def drawn(age: float) -> tuple[int, float]:
+        skin, bare = grown(device, age), without(device, monkeypatch, age)
+        lines = deepened(skin, bare)
+        deeper = skin.edge_weight[lines] - bare.edge_weight[lines]
+        return len(lines), depth_factor(age) * float(deeper.sum())
+
+    some, hint = drawn(50.0)
+    more, deep = drawn(65.0)
+    assert 0 < some < more
+    assert 0.05 * deep < hint < 0.45 * deep
+
+
+def test_skin_beside_them_is_softer(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    skin, bare = grown(device, 65.0), without(device, monkeypatch, 65.0)
+    softer = np.flatnonzero(skin.edge_weight < bare.edge_weight - 0.02)
+    lines = deepened(skin, bare)
+    middle = skin.node_uv[skin.edge_nodes].mean(axis=1)
+    gap = np.linalg.norm(middle[softer][:, None] - middle[lines], axis=-1).min(axis=1)
+    assert len(softer) > 60
+    assert gap.max() < 0.08
