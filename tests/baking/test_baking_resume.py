@@ -267,6 +267,26 @@ def test_parts_that_two_devices_draw_are_told(engine: FakeEngine, tmp_path: Path
     assert mixed(bake(engine, tmp_path, values, part="2")) == ["devices-mixed"]
 
 
+def test_frames_by_two_methods_are_told(engine: FakeEngine, tmp_path: Path) -> None:
+    values = [0.5, 0.25, 0.75]
+
+    def told(method: str, **part: str) -> list[str]:
+        return mixed(bake(engine, tmp_path, values, method=method, **part))
+
+    assert told("redraw") == []
+    assert told("binned", part="2") == ["methods-mixed"]
+    by = {
+        name: one["method"]
+        for record in ("face.bake.json", "face.bake.2.json")
+        for name, one in json.loads((tmp_path / record).read_bytes())["maps"].items()
+    }
+    assert {name.split(".")[2]: by[name] for name in by if name.startswith("face.1001")} == {
+        "0001": "redraw", "0002": "binned", "0003": "redraw",
+    }  # fmt: skip
+    assert told("redraw") == []
+    assert len([*tmp_path.glob("face.device.*.json")]) == 1
+
+
 def test_what_is_drawn_anew_by_one_device_is_not_mixed(engine: FakeEngine, tmp_path: Path) -> None:
     values = [0.5, 0.25]
     bake(engine, tmp_path, values)

@@ -30,6 +30,7 @@ NUMBERS = {
     limits.ARRAYS_UNUSED: (),
     limits.FILES_REPLACED: (),
     limits.DEVICES_MIXED: (),
+    limits.METHODS_MIXED: (),
     limits.PATCH_SIZE: (),
     limits.SCAN_DEPTH: (
         f"{limits.SHALLOWEST:g} to {limits.DEEPEST:g} mm deep",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -25,14 +25,11 @@ from rhytid.support.settings import ServiceSettings
 from rhytid.support.temporary_folders import temporary_folder
 
 
-def bake(
-    request: BakeRequest,
-    warnings: RunWarnings,
-    finish: Callable[[Baker], None] = lambda baker: None,
-) -> BakeSummary:
-    """Bake the maps that are not baked yet, or write a job bundle, as the request asks.
+@contextmanager
+def bake(request: BakeRequest, warnings: RunWarnings) -> Iterator[tuple[BakeSummary, Baker]]:
+    """Bake the maps that are not baked yet, or write a job bundle, as the request asks. In the
+    block all that is done, and the engine still has the asset: the baker may draw more of it.
 
-    finish: called once that is done, while the engine has the asset.
     Raises InputError, LimitError and SettingsError naming the file or the setting, ConflictError
     where the asset cannot be built or used, NotFoundError where it is missing, StrictError where
     warnings are errors, and FarmError where a cluster does not work.
@@ -51,11 +48,9 @@ def bake(
         if request.query.method == "binned" and not inputs.range_fixed:
             baker.calibrate()
         run = _maps if request.openjd is None else write_job
-        summary = run(request, baker, inputs)
-        finish(baker)
+        yield run(request, baker, inputs), baker
         if inputs.new is not None:
             share(engine, baker.asset.id)
-    return summary
 
 
 @contextmanager

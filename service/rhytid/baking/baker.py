@@ -23,7 +23,7 @@ from rhytid.baking.assets import finish
 from rhytid.baking.frame_names import FramePlace
 from rhytid.baking.frames import FrameFiles
 from rhytid.baking.map_sources import FrameSurface, Geometry, MapSources, Texels, once
-from rhytid.baking.output import BakeRecord, Output, mesh_facts
+from rhytid.baking.output import BakeRecord, Drawn, Output, mesh_facts
 from rhytid.baking.request import Lag
 from rhytid.baking.run_warnings import RunWarnings
 from rhytid.domain.mesh import Mesh
@@ -100,7 +100,7 @@ class Baker:
                     ahead.append(self._frame(record, writers, place))
                 self.written += sum(done.result() for done in ahead.popleft())
         if self.written:
-            self.warnings.drawn_by(self.output.drawn_by(self.engine.tiles.drawn_by))
+            self.warnings.drawn_by(self.output.drawn_by(self._drawn))
 
     def first_maps(self) -> tuple[Texels, Iterator[tuple[int, Texels]]]:
         """The first frame that is baked: its positions, and its maps by UDIM, each drawn when it is
@@ -128,7 +128,7 @@ class Baker:
         if surface or any(due.values()):
             # By now, for a bake that is killed has files of this device, too; and for each frame,
             # since a part that ends takes marks away that no record names yet.
-            self.output.leave_mark(self.engine.tiles.drawn_by)
+            self.output.leave_mark(self._drawn)
         together = sum(self._map_bytes(one) for one in due.values())
         held = writers.hold(together) if surface else None
         found, drawn = [], {}
@@ -151,6 +151,10 @@ class Baker:
     @cached_property
     def _sources(self) -> MapSources:
         return MapSources(self.engine, self.asset, self.mesh, self.frames, self.lag)
+
+    @property
+    def _drawn(self) -> Drawn:
+        return Drawn(self.engine.tiles.drawn_by, self.query.method)
 
     @cached_property
     def _mesh_facts(self) -> Callable[[], Facts]:
@@ -231,7 +235,8 @@ class Baker:
                     facts = {"triangles": len(self.mesh.faces), **one.profile.all_facts(map)}
                     one.profile.write(one.file, map, facts)
                 # Files of libraries have no digest yet.
-                frame.record.add(one.file, one.key, digests.get(one.file.name))
+                method = self.query.method if one.profile.drawn else ""
+                frame.record.add(one.file, one.key, method, digests.get(one.file.name))
             detail(f"wrote {one.file.name}")
         return len(due)
 
@@ -263,7 +268,7 @@ class Baker:
         maps = {udim: map.bordered() for udim, map in drawn.items()}
         with self.watch.step("geometry"), hashed_writes() as digests:
             self.geometry.write(file, frame.surface.positions, maps)
-            frame.record.add(file, key, digests.get(file.name))
+            frame.record.add(file, key, self.query.method, digests.get(file.name))
         detail(f"wrote {file.name}")
         return 1
 

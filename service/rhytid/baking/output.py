@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,18 @@ from rhytid.support.build_identity import file_attributes
 
 _UNITS = ("bytes", "kB", "MB", "GB", "TB")
 FLOATS = (PROFILES["float"],)
+
+
+class Drawn(NamedTuple):
+    """What drew a map.  drawn_by: names the device and the version of the drawing.  method: empty
+    where the map shows no displacement, and in records of older releases; so may `drawn_by` be."""
+
+    drawn_by: str
+    method: str
+
+    def has(self, other: Drawn) -> bool:
+        """Whether all that another one says is so of this one."""
+        return all(theirs in ("", own) for own, theirs in zip(self, other, strict=True))
 
 
 @dataclass(frozen=True)
@@ -75,10 +87,10 @@ class Output:
         others += filter(self._concerns, self.folder.glob(f"{glob.escape(self.name)}.bake.*.json"))
         return BakeRecord(own, others, drawn_by)
 
-    def drawn_by(self, now: str) -> set[str]:
-        """Names of what drew the maps of all parts.  now: what has drawn this one.
+    def drawn_by(self, now: Drawn) -> set[Drawn]:
+        """What drew the maps of all parts, and how.  now: what has drawn this one.
 
-        Each device leaves a small file with its name, so that a part need not read the records of
+        Each device leaves a small file for each method, so that a part need not read the records of
         all others. Where there are several such files the records decide, since maps may have been
         drawn anew.
         """
@@ -87,16 +99,17 @@ class Output:
         if not marks:
             return {now}
         found = {now, *drawn_by(self.folder.glob(f"{name}.bake*.json"))}
-        if found == {now}:
+        if all(now.has(one) for one in found):
             for one in marks:
                 one.unlink(missing_ok=True)
         return found
 
-    def leave_mark(self, now: str) -> Path:
-        """The file with the name of the device that draws now, written where it is not there."""
-        digest = hashlib.sha256(now.encode()).hexdigest()[:8]
+    def leave_mark(self, now: Drawn) -> Path:
+        """The file that names the device and the method that draw now, written where it is not
+        there."""
+        digest = hashlib.sha256("\n".join(now).encode()).hexdigest()[:8]
         mark = self.folder / f"{self.name}.device.{digest}.json"
-        _write_facts(mark, {"drawn_by": now})
+        _write_facts(mark, now._asdict())
         return mark
 
     def _concerns(self, record: Path) -> bool:
@@ -215,14 +228,16 @@ class BakeRecord:
                 return data
         return None
 
-    def add(self, file: Path, key: str, digest: str | None = None) -> None:
+    def add(self, file: Path, key: str, method: str, digest: str | None = None) -> None:
         """Record that `file` was written for `key`. The record is on the disk when this returns.
 
-        digest: SHA-256 of the bytes that were written; None to read them again.
+        method: as in `Drawn`.  digest: SHA-256 of the bytes that were written; None to read them
+        again.
         """
         digest = digest or StoredFile.read(file).sha256
         with self._lock:
-            self._maps[file.name] = {"key": key, "sha256": digest, "drawn_by": self._drawn_by}
+            by = Drawn(self._drawn_by, method)._asdict()
+            self._maps[file.name] = {"key": key, "sha256": digest, **by}
             self._names[key] = file.name
             text = json.dumps({"maps": self._maps}, indent=1, sort_keys=True)
             with atomic_write(self._path) as aside:
@@ -234,13 +249,13 @@ class BakeRecord:
         return {entry["sha256"] for entry in entries if entry["key"] == key}
 
 
-def drawn_by(records: Iterable[Path]) -> set[str]:
-    """Names of what drew the maps in these records. Where several records have a map, the latest
-    counts. Records of older releases, which name nothing, are left out."""
-    found: dict[str, str] = {}
+def drawn_by(records: Iterable[Path]) -> set[Drawn]:
+    """What drew the maps in these records. Where several records have a map, the latest counts."""
+    found: dict[str, Drawn] = {}
     for record in sorted(records, key=lambda path: path.stat().st_mtime_ns):
-        found |= {name: entry["drawn_by"] for name, entry in _load(record).items()}
-    return {name for name in found.values() if name}
+        for name, entry in _load(record).items():
+            found[name] = Drawn(entry["drawn_by"], entry["method"])
+    return {*found.values()}
 
 
 def _load(path: Path) -> dict[str, dict[str, str]]:
@@ -259,7 +274,7 @@ def _checked(stored: Any) -> dict[str, dict[str, str]]:
     return {
         str(name): {
             **{k: str(entry[k]) for k in ("key", "sha256")},
-            "drawn_by": str(entry.get("drawn_by", "")),
+            **{k: str(entry.get(k, "")) for k in Drawn._fields},
         }
         for name, entry in maps
     }

@@ -9,6 +9,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from rhytid.baking.frames import FrameFiles
+from rhytid.baking.output import Drawn
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import FrameCheck, mesh_warnings
@@ -16,6 +17,7 @@ from rhytid.domain.notices import Notice, spacing_of_count
 from rhytid.domain.warnings import (
     DEVICES_MIXED,
     FILES_REPLACED,
+    METHODS_MIXED,
     SCAN_FILL,
     SCAN_LINES,
     SETTINGS_CHANGED,
@@ -90,14 +92,19 @@ class RunWarnings:
         self.add([InputWarning(FILES_REPLACED, detail, "the bake")])
         self.refuse()
 
-    def drawn_by(self, names: Collection[str]) -> None:
-        """Warn where several devices drew the maps of one bake, as `Output.drawn_by` names them.
-        Raises StrictError."""
-        if len(names) > 1:
-            listed = " and ".join(sorted(names))
+    def drawn_by(self, found: Collection[Drawn]) -> None:
+        """Warn where several devices or methods drew the maps of one bake, as `Output.drawn_by` has
+        them. Raises StrictError."""
+        devices, methods = ({*names} - {""} for names in zip(*found, strict=True))
+        if len(devices) > 1:
+            listed = " and ".join(sorted(devices))
             detail = f"maps were drawn by {listed}, whose last bits differ"
             self.add([InputWarning(DEVICES_MIXED, detail, "the bake")])
-            self.refuse()
+        if len(methods) > 1:
+            listed = " and ".join(sorted(methods))
+            detail = f"some maps are by {listed}: the records *.bake*.json name the method of each"
+            self.add([InputWarning(METHODS_MIXED, detail, "the bake")])
+        self.refuse()
 
     def add(self, warnings: Iterable[InputWarning]) -> None:
         """Add warnings, and print the first few new ones of each code."""

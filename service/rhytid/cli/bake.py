@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -174,7 +173,8 @@ def run(arguments: argparse.Namespace) -> None:
         check_suffix(arguments.picture, ".png", "the picture")
         make_place(arguments.picture)
     with RunWarnings("bake", arguments.strict, arguments.allow) as warnings, options_named():
-        summary = bake(_request(arguments), warnings, partial(_draw, arguments.picture))
+        with bake(_request(arguments), warnings) as (summary, baker):
+            _draw(arguments.picture, baker)
         report(summary.figures, summary.text, arguments.json)
 
 

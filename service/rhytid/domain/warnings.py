@@ -25,6 +25,7 @@ SETTINGS_UNUSED = "settings-unused"
 ARRAYS_UNUSED = "arrays-unused"
 FILES_REPLACED = "files-replaced"
 DEVICES_MIXED = "devices-mixed"
+METHODS_MIXED = "methods-mixed"
 PATCH_SIZE = "patch-size"
 SCAN_DEPTH = "scan-depth"
 SCAN_BITS = "scan-bits"
@@ -50,6 +51,7 @@ CODES = (
     ARRAYS_UNUSED,
     FILES_REPLACED,
     DEVICES_MIXED,
+    METHODS_MIXED,
     PATCH_SIZE,
     SCAN_DEPTH,
     SCAN_BITS,
@@ -300,6 +302,14 @@ WARNINGS: dict[str, Meaning] = {
             "bake all frames by one kind of device: name it with `--device` or `RHYTID_DEVICE`, "
             "and install the same rhytid on all machines"
         ),
+    ),
+    METHODS_MIXED: Meaning(
+        "a bake",
+        (
+            "its maps are by several methods: some frames were baked before by another one, and "
+            "differ in more than last bits; `NAME.bake.json` says for each map which"
+        ),
+        "bake the other frames by the same `--method`, or into another folder",
     ),
     PATCH_SIZE: Meaning(
         "a patch of `measure`, beside others",
