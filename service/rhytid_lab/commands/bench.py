@@ -17,6 +17,7 @@ from rhytid.cli.skin_options import add_density
 from rhytid.domain.asset_settings import PRESETS
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import FrameError, InputError
+from rhytid.processes.interpreter import begin_again_as_device
 from rhytid.support.console import STDOUT, counted, note
 from rhytid_lab.commands import SUMMARIES, check_client
 from rhytid_lab.commands.bench_report import (
@@ -75,6 +76,7 @@ def add_command(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Put a face on the device, time its cases and print them."""
+    begin_again_as_device()
     check_client()
     if arguments.scaling is not None:
         _run_scaling(arguments)
