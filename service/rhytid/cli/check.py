@@ -18,6 +18,7 @@ from rhytid.cli.options import (
     length_unit,
     map_file,
     readable,
+    with_warnings,
 )
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.scan_options import (
@@ -65,17 +66,15 @@ def add_command(commands: Commands) -> None:
     parser.set_defaults(run=run, usage_error=parser.refuse)
 
 
-def run(arguments: argparse.Namespace) -> None:
+@with_warnings
+def run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     """Check the mesh, and report. With --strict, warnings are an error at the end."""
     refuse_without_scan(arguments)
-    from rhytid.baking.run_warnings import RunWarnings
-
-    with RunWarnings("check", arguments.strict, arguments.allow) as warnings:
-        _run(arguments, warnings)
-        warnings.refuse()
+    _check(arguments, warnings)
+    warnings.refuse()
 
 
-def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
+def _check(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     from rhytid.baking.input_files import mesh_file
     from rhytid.meshes.check import HEADER, MeshCheck, rows
 

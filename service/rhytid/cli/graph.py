@@ -21,6 +21,7 @@ from rhytid.cli.options import (
     length_unit,
     prim_clip,
     readable,
+    with_warnings,
 )
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.summaries import SUMMARIES
@@ -48,15 +49,9 @@ def add_command(commands: Commands) -> None:
     parser.set_defaults(run=run)
 
 
-def run(arguments: argparse.Namespace) -> None:
+@with_warnings
+def run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     """Read both files, find the pores on the mesh, write the outputs, and report the figures."""
-    from rhytid.baking.run_warnings import RunWarnings
-
-    with RunWarnings("graph", arguments.strict, arguments.allow) as warnings:
-        _run(arguments, warnings)
-
-
-def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     from rhytid.baking.input_files import graph_file, mesh_file
 
     read = mesh_file(arguments.mesh, prim_clip(arguments.prim))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -21,6 +22,7 @@ from rhytid.formats.frame_set import Clip
 from rhytid.support.console import STDOUT
 
 if TYPE_CHECKING:
+    from rhytid.baking.run_warnings import RunWarnings
     from rhytid.formats.meshes import MeshFile
 
 Value = TypeVar("Value")
@@ -230,6 +232,23 @@ def add_strict(parser: Arguments) -> None:
     parser.add_argument(
         "--allow", action="append", default=[], choices=CODES, metavar="CODE", help=allow
     )
+
+
+def with_warnings(
+    run: Callable[[argparse.Namespace, RunWarnings], None],
+) -> Callable[[argparse.Namespace], None]:
+    """A command with the options of `add_strict`: `run` with its warnings, which are counted at its
+    end."""
+
+    @wraps(run)
+    def whole(arguments: argparse.Namespace) -> None:
+        # Imported here, so that --help does not wait for what it imports.
+        from rhytid.baking.run_warnings import RunWarnings
+
+        with RunWarnings(arguments.command, arguments.strict, arguments.allow) as warnings:
+            run(arguments, warnings)
+
+    return whole
 
 
 def add_force(parser: Arguments) -> None:

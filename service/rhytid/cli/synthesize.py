@@ -16,7 +16,15 @@ from rhytid.cli.graph_output import (
     whole_file,
     write_outputs,
 )
-from rhytid.cli.options import add_caches, add_mesh, add_strict, add_unit, cache_clip, length_unit
+from rhytid.cli.options import (
+    add_caches,
+    add_mesh,
+    add_strict,
+    add_unit,
+    cache_clip,
+    length_unit,
+    with_warnings,
+)
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.skin_options import (
     add_settings,
@@ -69,17 +77,11 @@ def add_command(commands: Commands) -> None:
     parser.set_defaults(run=run, usage_error=parser.refuse)
 
 
-def run(arguments: argparse.Namespace) -> None:
+@with_warnings
+def run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     """Synthesise the graph, write it, and report its figures."""
     if arguments.ages and arguments.preview is None:
         arguments.usage_error("--ages needs --preview FILE.png: ages are drawn in its picture")
-    from rhytid.baking.run_warnings import RunWarnings
-
-    with RunWarnings("synthesize", arguments.strict, arguments.allow) as warnings:
-        _run(arguments, warnings)
-
-
-def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     # Imported here, so that --help needs no OpenCL.
     from rhytid.baking.input_files import mesh_file, shape_files
     from rhytid.formats.graphs import graph_pieces

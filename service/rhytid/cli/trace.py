@@ -23,6 +23,7 @@ from rhytid.cli.options import (
     length_unit,
     map_file,
     prim_clip,
+    with_warnings,
 )
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.scan_options import (
@@ -85,27 +86,25 @@ def add_command(commands: Commands) -> None:
     parser.set_defaults(run=run)
 
 
-def run(arguments: argparse.Namespace) -> None:
+@with_warnings
+def run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     """Trace the scan, write what was found, and report its figures."""
-    from rhytid.baking.run_warnings import RunWarnings
-
-    with RunWarnings("trace", arguments.strict, arguments.allow) as warnings:
-        scan = _read(arguments, warnings)
-        make_folder(arguments.out)
-        device = open_device(arguments)
-        start = time.monotonic()
-        found = _traced(device, scan)
-        warnings.add(found.warnings)
-        warnings.refuse()
-        out: Path = arguments.out
-        _write(out, device, scan, found)
-        figures = {
-            "folder": str(out),
-            "seconds": round(time.monotonic() - start, 3),
-            **found.figures(),
-            **warnings.all_figures(),
-        }
-        report(figures, _text(arguments, figures), arguments.json)
+    scan = _read(arguments, warnings)
+    make_folder(arguments.out)
+    device = open_device(arguments)
+    start = time.monotonic()
+    found = _traced(device, scan)
+    warnings.add(found.warnings)
+    warnings.refuse()
+    out: Path = arguments.out
+    _write(out, device, scan, found)
+    figures = {
+        "folder": str(out),
+        "seconds": round(time.monotonic() - start, 3),
+        **found.figures(),
+        **warnings.all_figures(),
+    }
+    report(figures, _text(arguments, figures), arguments.json)
 
 
 @dataclass(frozen=True, eq=False)

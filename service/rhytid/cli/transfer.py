@@ -17,6 +17,7 @@ from rhytid.cli.options import (
     length_unit,
     prim_clip,
     readable,
+    with_warnings,
 )
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.service_options import add_device
@@ -60,15 +61,9 @@ def add_command(commands: Commands) -> None:
     parser.set_defaults(run=run)
 
 
-def run(arguments: argparse.Namespace) -> None:
+@with_warnings
+def run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     """Carry the graph over, write it, and report the figures."""
-    from rhytid.baking.run_warnings import RunWarnings
-
-    with RunWarnings("transfer", arguments.strict, arguments.allow) as warnings:
-        _run(arguments, warnings)
-
-
-def _run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     from rhytid.baking.input_files import graph_file, mesh_file
     from rhytid.cli.graph_output import open_device, placed_graph, whole_file
     from rhytid.formats.graphs import graph_pieces

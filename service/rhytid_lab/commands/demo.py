@@ -21,6 +21,7 @@ from rhytid.cli.options import (
     add_unit,
     cache_clip,
     readable,
+    with_warnings,
 )
 from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.service_options import add_device, local_settings
@@ -77,17 +78,11 @@ def add_command(commands: Commands) -> None:
     parser.set_defaults(run=run, usage_error=parser.refuse)
 
 
-def run(arguments: argparse.Namespace) -> None:
+@with_warnings
+def run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
     """Serve, send and draw, then print figures and where the files are."""
     if arguments.frames and arguments.mesh is None:
         arguments.usage_error("--frames needs --mesh or NEUTRAL: the neutral face that they deform")
-    from rhytid.baking.run_warnings import RunWarnings
-
-    with RunWarnings("demo", arguments.strict, arguments.allow) as warned:
-        _run(arguments, warned)
-
-
-def _run(arguments: argparse.Namespace, warned: RunWarnings) -> None:
     check_client()
     # Imported here, so that --help does not wait for OpenCL and the web framework.
     from rhytid.api.server.http_server import serving
