@@ -10,6 +10,7 @@ from rhytid.domain.blendshapes import (
     frowning_side,
     meant_shapes,
     name_parts,
+    opens_jaw,
     region_of,
     rolls_lips,
 )
@@ -168,3 +169,11 @@ def test_one_side_alone_is_what_there_is_of_both() -> None:
 )
 def test_the_brow_that_a_name_draws_down(name: str, side: str | None) -> None:
     assert frowning_side(name) == side
+
+
+@pytest.mark.parametrize(
+    ("name", "opens"),
+    [("jawOpen", True), ("face|JawOpen", True), ("mouth_open", True), ("jawLeft", False)],
+)
+def test_the_names_that_open_a_jaw(name: str, opens: bool) -> None:
+    assert opens_jaw(name) is opens

@@ -66,15 +66,17 @@ def test_the_digest_hangs_on_names_and_every_number():
 
 def test_folds_come_back_from_their_arrays():
     tensor = np.linspace(0, 1, 24, dtype=np.float32).reshape(4, 6)
-    frown = np.linspace(0, 1, 4, dtype=np.float32)
-    folds = Folds(tensor, 3, {"lip": np.ones(4, np.float32)}, frown)
+    frown, fans = np.linspace(0, 1, 4, dtype=np.float32), tensor[::-1].copy()
+    folds = Folds(tensor, 3, {"lip": np.ones(4, np.float32)}, frown, fans)
     again = Folds.of_arrays(folds.arrays())
     np.testing.assert_array_equal(again.tensor, tensor)
     np.testing.assert_array_equal(again.regions["lip"], 1.0)
     np.testing.assert_array_equal(again.frown, frown)
+    np.testing.assert_array_equal(again.fans, fans)
     assert (again.moving, again.known) == (3, 3 / ENOUGH)
-    # As they were stored before there were frowns.
-    assert Folds.of_arrays(Folds(tensor, 3).arrays()).frown is None
+    # As they were stored before there were frowns, and fans.
+    before = Folds.of_arrays(Folds(tensor, 3).arrays())
+    assert before.frown is before.fans is None
     assert Folds(tensor, 50).known == 1.0
 
 

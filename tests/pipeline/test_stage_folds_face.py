@@ -9,7 +9,7 @@ import pytest
 
 import face_data
 from rhytid.device.runtime import Device
-from rhytid.domain.expressions import Expressions, Folds
+from rhytid.domain.expressions import Expressions, Folds, axes_of
 from rhytid.domain.mesh import Mesh
 from rhytid.pictures.raster import vertex_normals
 from rhytid.pipeline.folds import measured_folds
@@ -235,3 +235,36 @@ def test_a_frown_has_its_pair_between_the_brows(device: Device, face: face_data.
             assert (side * high[:, 0] < 1.5).all()
             assert np.ptp(high[:, 1]) == pytest.approx(1.4, abs=0.5)
         assert np.abs(found[near(0.75, 5.2, 0.2)]).min() > 0.4
+
+
+def test_an_open_jaw_has_a_fan_below_each_corner_of_the_mouth(
+    device: Device, face: face_data.Face
+) -> None:
+    folds = by_expressions(device)
+    assert folds.fans is not None
+    assert by_expressions(device, "coarse").fans is None
+    size, one_way, axis = axes_of(folds.fans)
+    positions = mesh().positions
+    for side in (1.0, -1.0):
+        corner = np.linalg.norm(positions - np.float32([side * 2.2, -3.5, 9.8]), axis=1)
+        led = size > 0.1
+        assert (size[(positions[:, 0] * side > 0) & (corner > 3.5)] < 0.05).all()
+        below = led & (corner < 2.5) & (positions[:, 1] < -4.0) & (one_way > 0.2)
+        assert np.count_nonzero(below) > 15
+        assert (folds.regions["lip"][below & (size > 0.15)] < 0.5).all()
+        # Lines leave the corner: what is pressed lies across the way from there.
+        way = positions[below] - np.float32([side * 2.2, -3.5, 9.8])
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        assert np.median(np.abs(np.einsum("nx,nx->n", way, axis[below]))) < 0.35
+
+
+def test_no_fan_where_no_jaw_opens_or_lips_are_not_known(
+    device: Device, face: face_data.Face
+) -> None:
+    shapes = {name: face.expression(name) for name in ("jawOpen", "mouthPucker")}
+    closed = np.stack([face.expression("jawOpen", -1.0), shapes["mouthPucker"]])
+    both = np.stack(list(shapes.values()))
+    assert measured(device, both, ("jawOpen", "mouthPucker")).fans is not None
+    assert measured(device, both, ("jawLeft", "mouthPucker")).fans is None
+    assert measured(device, both, ("jawOpen", "other")).fans is None
+    assert measured(device, closed, ("jawOpen", "mouthPucker")).fans is None

@@ -168,6 +168,11 @@ def rolls_lips(name: str) -> bool:
     return _plain(name).startswith(_ROLLS)
 
 
+def opens_jaw(name: str) -> bool:
+    """Whether an expression of that name opens the jaw. A prefix is ignored as in `region_of`."""
+    return region_of(name) == "neck"
+
+
 def frowning_side(name: str) -> str | None:
     """The side of the brow that an expression of that name draws down: LEFT or RIGHT, BOTH for
     both; None for any other name."""

@@ -25,6 +25,8 @@ AUTO, BY_EXPRESSIONS, LEVEL = LINES = ("auto", "expressions", "level")
 ENOUGH = 5
 # The name under which the crests of a frown are stored.
 _FROWN = "frown.sides"
+# The same of the folds around the corners of the mouth.
+_FANS = "mouth.corners"
 # Places of xx, yy, zz, xy, xz, yz in a symmetric 3 x 3 matrix.
 ROWS, COLUMNS = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
 FloatArray = NDArray[np.float64]
@@ -153,7 +155,8 @@ class Folds:
     dimensionless.  moving: how many expressions moved anything.  regions: (V,) float32, shares from
     0 to 1, by the name of the region.  frown: (V,) float32, how far vertices lie on one of the two
     crests of a frown, 0 to 1 on the left one and 0 to -1 on the right one; None where expressions
-    do not show them.
+    do not show them.  fans: (V, 6) float32, as `tensor`, of an open jaw alone and less smoothed, as
+    far as vertices lie beside a corner of the mouth; None where expressions do not show one.
 
     Raises InputError for arrays that do not fit or are not finite.
     """
@@ -162,6 +165,7 @@ class Folds:
     moving: int
     regions: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
     frown: NDArray[np.float32] | None = None
+    fans: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         tensor = fixed_array(self.tensor, "folds", (None, 6), np.float32, InputError)
@@ -173,6 +177,10 @@ class Folds:
         if self.frown is not None:
             shares.append(fixed_array(self.frown, _FROWN, (len(tensor),), np.float32, InputError))
             object.__setattr__(self, "frown", shares[-1])
+        if self.fans is not None:
+            shape = (len(tensor), 6)
+            shares.append(fixed_array(self.fans, _FANS, shape, np.float32, InputError))
+            object.__setattr__(self, "fans", shares[-1])
         if not all(np.isfinite(array).all() for array in (tensor, *shares)):
             raise InputError("folds that are not finite")
         object.__setattr__(self, "tensor", tensor)
@@ -190,18 +198,14 @@ class Folds:
         share by which it is smaller across that direction, 0 where both are alike.  axis: (V, 3)
         the direction.
         """
-        full = np.empty((len(self.tensor), 3, 3))
-        full[:, ROWS, COLUMNS] = full[:, COLUMNS, ROWS] = self.tensor
-        values, vectors = np.linalg.eigh(full)
-        roots = np.sqrt(np.maximum(values, 0.0))
-        eccentricity = 1.0 - roots[:, 1] / np.maximum(roots[:, 2], 1e-12)
-        return roots[:, 2], np.where(roots[:, 2] > 0, eccentricity, 0.0), vectors[:, :, 2]
+        return axes_of(self.tensor)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The arrays by name, in which `of_arrays` reads the same folds."""
         regions = {f"region.{name}": mask for name, mask in self.regions.items()}
         found = {"tensor": self.tensor, "moving": np.array([self.moving], np.int32), **regions}
-        return found if self.frown is None else found | {_FROWN: self.frown}
+        further = {_FROWN: self.frown, _FANS: self.fans}
+        return found | {name: array for name, array in further.items() if array is not None}
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Folds:
@@ -212,4 +216,14 @@ class Folds:
             if name.startswith("region.")
         }
         moving = int(arrays["moving"][0])
-        return cls(arrays["tensor"], moving, regions, arrays.get(_FROWN))
+        return cls(arrays["tensor"], moving, regions, arrays.get(_FROWN), arrays.get(_FANS))
+
+
+def axes_of(tensor: NDArray[np.float32]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """`Folds.axes` of a tensor (V, 6)."""
+    full = np.empty((len(tensor), 3, 3))
+    full[:, ROWS, COLUMNS] = full[:, COLUMNS, ROWS] = tensor
+    values, vectors = np.linalg.eigh(full)
+    roots = np.sqrt(np.maximum(values, 0.0))
+    eccentricity = 1.0 - roots[:, 1] / np.maximum(roots[:, 2], 1e-12)
+    return roots[:, 2], np.where(roots[:, 2] > 0, eccentricity, 0.0), vectors[:, :, 2]

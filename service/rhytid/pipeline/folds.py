@@ -17,6 +17,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.skin import FINE
 from rhytid.pipeline.diffusion import Diffusion, triangle_areas
 from rhytid.pipeline.frown import Frown
+from rhytid.pipeline.mouth_corners import MouthCorners
 from rhytid.pipeline.region_masks import RegionMasks
 from rhytid.pipeline.stretch import Rest
 
@@ -96,7 +97,7 @@ def measured_folds(
 
     The folds are C = Σ w Σ min(log ρᵢ, 0)² q̂ᵢq̂ᵢᵀ at the vertices, with w one over the number of
     expressions that move anything, masks of the regions that expressions of known names show, and
-    the crests of a frown.
+    the crests of a frown, and the folds of an open jaw around the corners of the mouth.
 
     limit: of |log ρ|.  unit: of the mesh.  progress(fraction, stage) is called for each expression
     and may raise CancelledError.  call: runs each step in a task of the device.  anatomy: how
@@ -104,7 +105,7 @@ def measured_folds(
     """
     stage = FoldStage(device, mesh, call)
     total, moving, regions = np.zeros((len(mesh.faces), 3)), 0, RegionMasks(mesh, anatomy)
-    frown = Frown(mesh)
+    frown, corners = Frown(mesh), MouthCorners(mesh)
     try:
         every = zip(expressions.names, expressions.positions, strict=True)
         for done, (name, positions) in enumerate(every):
@@ -115,6 +116,7 @@ def measured_folds(
                 moving += 1
                 regions.add(name, positions, folds)
                 frown.add(name, positions)
+                corners.add(name, positions, folds)
         both = frown.positions if anatomy == FINE else None
         frowned = None if both is None else stage.measure(both, limit)[0]
     finally:
@@ -128,7 +130,10 @@ def measured_folds(
     crests = None
     if frowned is not None:
         crests = frown.crests(surface, in_space(mesh, frowned.astype(np.float64)))
-    return Folds(tensor.astype(np.float32), moving, regions.masks(surface), crests)
+    masks, fans = regions.masks(surface), None
+    if corners.folds is not None and anatomy == FINE:
+        fans = corners.fans(surface, in_space(mesh, corners.folds), masks.get("lip"))
+    return Folds(tensor.astype(np.float32), moving, masks, crests, fans)
 
 
 def in_space(mesh: Mesh, folds: FloatArray) -> FloatArray:

@@ -97,6 +97,14 @@ class Fields:
         -1 the right one."""
         return np.zeros(len(triangle), np.float32)
 
+    def fans(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin has leaders that leave a corner of the mouth as a fan: 0 to 1."""
+        return np.zeros(len(triangle), np.float32)
+
+    def fanned(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Radians to the left from the level direction to the leaders of a fan."""
+        return np.zeros(len(triangle), np.float32)
+
     def rings(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far skin has rings, long soft level lines: 0 to 1."""
         return np.zeros(len(triangle), np.float32)

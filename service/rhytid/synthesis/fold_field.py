@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.expressions import Folds, form
+from rhytid.domain.expressions import Folds, axes_of, form
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.skin import USUAL_AGE, fold_factor_log
 from rhytid.support import cancellation
@@ -46,6 +46,9 @@ _LEVEL, _ACROSS = (0.05, 0.22), (0.65, 0.95)
 _BETWEEN, _LOOSENED, _LED = 0.7, 0.8, 0.6
 # How much age changes skin that folds.
 AGEING = ("strength", "width", "primary")
+# Log compressions between which skin begins to have fans at the corners of the mouth, by an open
+# jaw alone; and eccentricities, for elsewhere the way of its folds is not that of rays.
+_FANNED, _ALIKE = (0.08, 0.2), (0.1, 0.3)
 # How far lines keep to a direction that nothing folds: a criss-cross.
 _LOOSE = 0.44
 # Expressions that fold a face in all its ways. Of each that is missing it is assumed that it folds
@@ -105,6 +108,11 @@ class FoldField:
         crossing *= 1.0 - np.abs(frown)
         known |= {"certainty": certainty, "leading": leading, "crossing": crossing}
         known["frown"] = frown
+        self._fans = folds.fans
+        known["fans"] = np.zeros(len(share))
+        if folds.fans is not None:
+            largest, one_way, _ = axes_of(folds.fans)
+            known["fans"] = _ramp(_within(largest, _FANNED)) * _ramp(_within(one_way, _ALIKE))
         known["crumpled"] = _ramp(told / _CERTAIN) * (1.0 - one_way**2)
         self._planes = {n: self._planes_of(v) for n, v in known.items()}
         used = np.flatnonzero(surface.carries)
@@ -115,7 +123,8 @@ class FoldField:
         """(N,) a property of lines by its name: the factor of their `strength`, `anisotropy` or
         `width`, that of `primary` lines; or, from 0 to 1, the `certainty` of their direction, or
         how far they have leaders (`leading`), or long level ones (`crossing`), or fold without
-        one direction (`crumpled`), or lie on a crest of the `frown`, below 0 on the right one."""
+        one direction (`crumpled`), or have a fan at a corner of the mouth (`fans`), or lie on a
+        crest of the `frown`, below 0 on the right one."""
         return self.at(self._planes[name], triangle, uv)
 
     def mixed(self, values: Mapping[str, float], base: float) -> Planes:
@@ -153,17 +162,29 @@ class FoldField:
             at, where = triangle[rows], uv[rows]
             share = _places(self._surface, at, where)
             certainty = np.einsum("nc,nc->n", share, self._certainty[self._faces[at]])
-            both = certainty * self._axis(at, share) + (1.0 - certainty) * np.exp(2j * other[rows])
+            both = certainty * self._axis(self._tensor, at, share) + (1.0 - certainty) * np.exp(
+                2j * other[rows]
+            )
             turn[rows] = 0.5 * np.angle(both)
         return turn
 
-    def _axis(self, triangle: NDArray[Any], share: FloatArray) -> ComplexArray:
+    def fanned(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """(N,) radians to the left from the level direction to the lines of a fan."""
+        turn = np.zeros(len(triangle), np.float32)
+        for rows in row_blocks(len(turn)) if self._fans is not None else ():
+            share = _places(self._surface, triangle[rows], uv[rows])
+            turn[rows] = 0.5 * np.angle(self._axis(self._fans, triangle[rows], share))
+        return turn
+
+    def _axis(
+        self, folds: NDArray[np.float32], triangle: NDArray[Any], share: FloatArray
+    ) -> ComplexArray:
         """(N,) e^2iθ of lines at an angle θ to the level direction: a right angle from the axis of
         the largest compression in the tangent plane."""
         normal = unit(np.einsum("nc,ncx->nx", share, self._surface.normals[triangle]))
         level = level_directions(normal)
         beside = np.cross(normal, level)
-        tensor = np.einsum("nc,nck->nk", share, self._tensor[self._faces[triangle]])
+        tensor = np.einsum("nc,nck->nk", share, folds[self._faces[triangle]])
         along, across, mixed = (
             form(tensor, *pair) for pair in ((level, level), (beside, beside), (level, beside))
         )

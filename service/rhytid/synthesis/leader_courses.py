@@ -47,6 +47,9 @@ _WHIRL = 0.65
 _HOOK, _HOOKED = 0.9, 2
 # How far a line leans to where skin has leaders more by one, beside a step to the other side.
 _LEAN = 0.6
+# What the way so far weighs for such a line, and the tangent of the angle, 18 degrees, to which it
+# keeps from its direction: it would wind, and a furrow between the brows does not.
+_MEMORY, _HELD = 3.0, 0.325
 # Seams that one step may cross.
 _SEAMS = 3
 # Purposes of random numbers.
@@ -328,9 +331,11 @@ class _Tracer:
                 passed[:, going] = field
             straight = _along(axis, heading) >= _WHIRL
             straight &= _along(field, passed[0, going]) >= _HOOK
-            heading = axis * np.where(np.einsum("nx,nx->n", axis, heading) < 0, -1.0, 1.0)[:, None]
+            before = heading
+            heading = axis * np.where(np.einsum("nx,nx->n", axis, before) < 0, -1.0, 1.0)[:, None]
             if self._family.single:
                 heading = self._kept(at, where, heading)
+                heading = _straighter(heading, before, field)
             passed[:-1], passed[-1, going] = passed[1:].copy(), field
             step[going, k] = self._step(at, heading)
             to, place, arrived = _walked(self._ground, at, where, step[going, k])
@@ -382,6 +387,15 @@ class _Tracer:
         ground, place = self._ground, uv.astype(np.float32)
         leads: BoolArray = self._family.leading(ground.fields, triangle, place) >= _GOES_ON
         return leads & ground.surface.carries[triangle] & ~ground.fields.bare(triangle, place)
+
+
+def _straighter(heading: FloatArray, before: FloatArray, field: FloatArray) -> FloatArray:
+    """(N, 3) headings that go on as those before did, and stay near the axes (N, 3) of a field."""
+    heading = unit(heading + _MEMORY * before)
+    along = np.einsum("nx,nx->n", heading, field)[:, None]
+    beside = heading - along * field
+    far = np.linalg.norm(beside, axis=1, keepdims=True) / np.maximum(_HELD * np.abs(along), 1e-30)
+    return unit(along * field + beside / np.maximum(far, 1.0))
 
 
 def _turned(level: FloatArray, beside: FloatArray, angle: FloatArray) -> FloatArray:

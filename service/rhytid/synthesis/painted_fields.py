@@ -218,6 +218,19 @@ class PaintedFields(Fields):
             return super().frown(triangle, uv)
         return self._folds.factor("frown", triangle, uv)
 
+    def fans(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin has the fan of a corner of the mouth: as the folds say."""
+        if self._folds is None:
+            return super().fans(triangle, uv)
+        return self._folds.factor("fans", triangle, uv)
+
+    def fanned(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Radians to the left from the level direction to a fan; painted directions take their
+        place, and settings and maps turn them."""
+        if self._folds is None:
+            return super().fanned(triangle, uv)
+        return self._turned(self._folds.fanned(triangle, uv), triangle, uv)
+
     def rings(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far skin has rings: of the regions, where folds are known; else the neck has none,
         whatever is painted elsewhere."""

@@ -22,6 +22,7 @@ from rhytid.synthesis.lattice import Around
 from rhytid.synthesis.leader_families import (
     CREASES,
     FAMILIES,
+    FANS,
     RINGS,
     leading_any_way,
     leading_of,
@@ -51,6 +52,8 @@ _OLD, _OLD_PAIR, _YOUNG, _OLD_BROAD = 1.9, 3.5, 2.4, 1.45
 # What is uneven deepens most by its region, so that leaders there would be as deep as lines can be
 # from 50 on, and 65 would look like 50; and of others less is left at 65.
 _OLD_NARROW = 0.7
+# The fan of a corner of the mouth is not there at 20, a hint at 35, and plain at 65.
+_OLD_FAN, _YOUNG_FAN = 2.0, 8.0
 _OLD_OTHERS, _OLD_UNEVEN, _YOUNG_OTHERS = 0.65, 0.3, 0.75
 # Powers of the size and of the profile of leaders at 65: small ones come up to the large ones, so
 # that more are seen, and they are deep for more of their length.
@@ -251,10 +254,11 @@ def _sizes(
     """
     # Those that expressions leave behind; lips have creases at any age.
     aged = np.where(along.family == CREASES.number, 0.0, worn)
-    pair = np.isin(along.family, _PAIR)
+    pair, fan = np.isin(along.family, _PAIR), along.family == FANS.number
     old = np.where(pair, _OLD_PAIR, _OLD**even * _OLD_NARROW ** (1.0 - even))
-    deepest = _DEEPEST * (old if worn > 0.0 else _YOUNG) ** aged
-    comes = np.where(pair | (along.family == RINGS.number), 0.0, aged)
+    old, young = np.where(fan, _OLD_FAN, old), np.where(fan, _YOUNG_FAN, _YOUNG)
+    deepest = _DEEPEST * (old if worn > 0.0 else young) ** aged
+    comes = np.where(pair | fan | (along.family == RINGS.number), 0.0, aged)
     shown = np.maximum(along.profile, _TINY)
     middle = deepest.astype(np.float32) * min(rank, 1.0) * along.depth / shown
     risen, profile = _older(along.depth / shown, along.profile, leading, comes)
