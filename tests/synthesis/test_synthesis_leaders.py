@@ -242,8 +242,8 @@ def test_a_fan_comes_with_age(device: Device) -> None:
         led = left & (graph.edge_share > 1.02)
         assert np.count_nonzero(led) > 10
         depth.append(depth_factor(age) * graph.edge_weight[led].mean())
-    assert depth[0] < 0.25 * depth[1]
-    assert depth[2] > 1.7 * depth[1]
+    assert depth[0] < 0.08 * depth[1]
+    assert depth[2] > 1.3 * depth[1]
 
 
 def lip(share: float = 1.0) -> np.ndarray:

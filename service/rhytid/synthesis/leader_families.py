@@ -159,13 +159,14 @@ FANS = Family(
     longest=15.0,
     apart=3.0,
     farther=2.0,
-    least=0.35,
+    least=0.3,
     chance=(0.7, 0.9),
-    broad=0.9,
-    deep=0.6,
+    broad=0.7,
+    deep=0.42,
     winding=((0.1, 9.0), (0.08, 2.5)),
     waves=((1.6, 1.5), (4.0, 3.0), (9.0, 6.0)),
-    takes=1.8,
+    crossed=False,
+    takes=2.2,
 )
 # By number.
 FAMILIES = (PREFERRED, CROSSING, RINGS, FROWN_LEFT, FROWN_RIGHT, CREASES, FANS)
