@@ -162,11 +162,11 @@ FANS = Family(
     least=0.3,
     chance=(0.7, 0.9),
     broad=0.7,
-    deep=0.42,
+    deep=0.3,
     winding=((0.1, 9.0), (0.08, 2.5)),
     waves=((1.6, 1.5), (4.0, 3.0), (9.0, 6.0)),
     crossed=False,
-    takes=2.2,
+    takes=3.0,
 )
 # By number.
 FAMILIES = (PREFERRED, CROSSING, RINGS, FROWN_LEFT, FROWN_RIGHT, CREASES, FANS)
