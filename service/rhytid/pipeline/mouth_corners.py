@@ -73,7 +73,8 @@ class MouthCorners:
         near = ramp(spread / most, *_NEAR) * (1.0 - lip)
         across = _RAYS * folds[:, :3].sum(axis=1)[:, None] * _around(self._mesh, spread)
         found = surface.narrower(_CLOSE).of_triangles(folds + across) * (near**2)[:, None]
-        return found.astype(np.float32)
+        fans: NDArray[np.float32] = found.astype(np.float32)
+        return fans
 
 
 def _around(mesh: Mesh, values: FloatArray) -> FloatArray:

@@ -171,9 +171,12 @@ class FoldField:
     def fanned(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """(N,) radians to the left from the level direction to the lines of a fan."""
         turn = np.zeros(len(triangle), np.float32)
-        for rows in row_blocks(len(turn)) if self._fans is not None else ():
+        if self._fans is None:
+            return turn
+        for rows in row_blocks(len(turn)):
             share = _places(self._surface, triangle[rows], uv[rows])
-            turn[rows] = 0.5 * np.angle(self._axis(self._fans, triangle[rows], share))
+            axis: Any = self._axis(self._fans, triangle[rows], share)
+            turn[rows] = 0.5 * np.angle(axis)
         return turn
 
     def _axis(
