@@ -126,17 +126,22 @@ def test_the_command_fails_where_a_result_is_wrong(
     assert "the results differ from rhytid's: numba in redraw" in told.err
 
 
-def test_what_has_ended_is_printed_when_a_bench_is_cancelled(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def cancelled_in(monkeypatch: pytest.MonkeyPatch, last: str) -> None:
+    """A bench is cancelled when it times this case."""
     seconds = FrameBench.seconds
 
     def cancelled(bench: FrameBench, case: str) -> float:
-        if case == "redraw":
+        if case == last:
             raise Terminated(TERMINATED)
         return seconds(bench, case)
 
     monkeypatch.setattr(FrameBench, "seconds", cancelled)
+
+
+def test_what_has_ended_is_printed_when_a_bench_is_cancelled(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cancelled_in(monkeypatch, "redraw")
 
     with suppress(SystemExit):
         main([*SMALL, "--methods", "stretch", "redraw", "--implementations", "rhytid"])
@@ -145,6 +150,20 @@ def test_what_has_ended_is_printed_when_a_bench_is_cancelled(
     rows = [line.split()[0] for line in told.out.splitlines()]
     assert (rows[0], rows[2:]) == ("case", ["copy", "stretch"])
     assert "cases are missing above" in told.err
+
+
+def test_figures_of_a_cancelled_bench_leave_the_missing_to_stderr(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    missing(monkeypatch, "numba")
+    cancelled_in(monkeypatch, "neutral")
+
+    with suppress(SystemExit):
+        main([*SMALL, "--methods", "redraw,neutral", "--implementations", "numba", "--json"])
+
+    told = capsys.readouterr()
+    assert [e["case"] for e in json.loads(told.out)["results"]] == ["redraw"]
+    assert "redraw: numba: not installed" in told.err.splitlines()
 
 
 @pytest.mark.parametrize(("curvature", "left_out"), [(0.0, []), (1.0, ["redraw", "neutral"])])

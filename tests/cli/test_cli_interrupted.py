@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from rhytid.baking.farm import openjd_bundle
-from rhytid.cli.termination import GRACE, PATIENCE
+from rhytid.cli.termination import AGAIN, GRACE, PATIENCE
 from rhytid_lab.samples.face import procedural_face
 
 # Words of `--verbose` at which a command is interrupted, while it works. Progress is printed a few
@@ -202,7 +202,12 @@ def test_sigterm_again_or_after_its_time_ends_a_command_that_writes(
             running.send_signal(signal.SIGTERM)
             assert running.stderr.readline() == "finishing\n"
             if signals > 1:
+                running.send_signal(signal.SIGTERM)  # soon after the first, as by GNU `timeout`
+                with pytest.raises(subprocess.TimeoutExpired):
+                    running.wait(AGAIN / 2)
+            while signals > 1 and running.poll() is None:
                 running.send_signal(signal.SIGTERM)
+                time.sleep(AGAIN / 10)
             said = running.stderr.read()
         dropped = f"rhytid bake: dropped, not finished: {name}\n"
         assert (running.returncode, said) == (143, f"{dropped}rhytid bake: cancelled by SIGTERM\n")

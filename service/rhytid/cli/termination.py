@@ -1,10 +1,10 @@
 """SIGINT and SIGTERM as exceptions, so that temporary folders, stores and devices are released.
 
 A command ends within a second of SIGINT. After SIGTERM it has longer, to finish the files that it
-is writing, and a second SIGTERM ends that at once. Python runs a handler only between two of its
-own instructions, and a call into a driver may take longer than that. So a thread watches for the
-signals, too, and ends the process where the exception has not done so in time. No file is half
-written then: what is not finished is dropped, and said.
+is writing, and a SIGTERM a second later or more ends that at once. Python runs a handler only
+between two of its own instructions, and a call into a driver may take longer than that. So a thread
+watches for the signals, too, and ends the process where the exception has not done so in time. No
+file is half written then: what is not finished is dropped, and said.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
@@ -26,6 +27,9 @@ TERMINATED = 128 + signal.SIGTERM
 # Seconds that a command has to end by itself after SIGINT; and after SIGTERM, which is less than
 # the schedulers of render farms wait before they send SIGKILL.
 GRACE, PATIENCE = 0.5, 8.0
+# Seconds after SIGTERM from which another one asks for an end at once. GNU `timeout` sends two, to
+# its child and to the group of that.
+AGAIN = 1.0
 # Unfinished files that are named.
 _NAMED = 8
 
@@ -75,8 +79,8 @@ class Interruption:
 @contextmanager
 def interruptible() -> Iterator[Interruption]:
     """Within the block, SIGINT raises KeyboardInterrupt and SIGTERM raises Terminated, and the
-    process is ended if the block has not ended soon after, or when SIGTERM comes again. Does
-    nothing outside of the main thread."""
+    process is ended if the block has not ended soon after, or when SIGTERM comes again AGAIN
+    seconds later. Does nothing outside of the main thread."""
     found = Interruption()
     here = threading.current_thread() is threading.main_thread()
     if not here or not hasattr(os, "set_blocking"):  # Windows has it from Python 3.12 on
@@ -104,17 +108,18 @@ def interruptible() -> Iterator[Interruption]:
 
 def _watch(reading: int, ended: threading.Event, found: Interruption) -> None:
     """Read numbers of signals until the other end is closed."""
-    asked = False
+    asked: float | None = None
     try:
         while came := os.read(reading, 1):
             if came[0] == signal.SIGINT:
                 _end_after(GRACE, INTERRUPTED, ended, found)
             elif came[0] == signal.SIGTERM and _is_ours(found):
                 last = PATIENCE, TERMINATED, ended, found
-                if asked:
+                if asked is None:
+                    asked = time.monotonic()
+                    threading.Thread(target=_end_after, args=last, daemon=True).start()
+                elif time.monotonic() >= asked + AGAIN:
                     _end_after(0.0, *last[1:])
-                asked = True
-                threading.Thread(target=_end_after, args=last, daemon=True).start()
     finally:
         os.close(reading)
 

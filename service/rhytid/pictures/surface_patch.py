@@ -192,8 +192,8 @@ def _squares(
     side, step = _MARGIN * float((high - low).max()), pixels // _SQUARES
     edge = side / _SQUARES
     for row, column in itertools.product(range(_SQUARES), repeat=2):
-        up, right = (((n + 0.5) / _SQUARES - 0.5) * side for n in (row, column))
-        local = positions[faces] - ((low + high) / 2.0 + (right, -up, 0.0))
+        down, right = (((n + 0.5) / _SQUARES - 0.5) * side for n in (row, column))
+        local = positions[faces] - ((low + high) / 2.0 + (right, -down, 0.0))
         near = _near(local, edge, side)
         if len(near):
             rows, columns = (slice(n * step, (n + 1) * step) for n in (row, column))

@@ -51,7 +51,8 @@ WRITTEN: Mapping[int, tuple[tuple[str, ...], ...]] = {
 # Frames that are drawn before time is taken: what a device keeps of one frame for the next is there
 # then.
 BEFORE = 2
-# Of a bake: what is measured is the median of the others.
+# Frames that `--bake` needs, at least: kernels and files are timed in each of them, and the median
+# counts; the bake itself is timed in those after BEFORE.
 LEAST_FRAMES = 5
 _SUBDIVIDED = 1
 

@@ -24,6 +24,7 @@ from rhytid_lab.commands.bench_report import (
     bake_table,
     case_table,
     print_untimed,
+    refuse_wrong,
     reported,
     scaling_table,
     service_table,
@@ -208,8 +209,12 @@ def _run_cases(bench: FrameBench, arguments: argparse.Namespace) -> None:
         }
 
     with reported(arguments.json, figures, lambda: case_table(comparison.results, CASES)):
-        comparison.run(counted(cases, "bench", "case"))
-    print_untimed(comparison.results, to_stderr=arguments.json == STDOUT)
+        try:
+            comparison.run(counted(cases, "bench", "case"))
+        finally:
+            if arguments.json == STDOUT:  # no table shows them then
+                print_untimed(comparison.results)
+    refuse_wrong(comparison.results)
 
 
 def _add_names(

@@ -107,12 +107,14 @@ def case_table(results: Results, cases: Sequence[str]) -> str:
     return table(_CASES, [copy, *rows])
 
 
-def print_untimed(results: Results, *, to_stderr: bool) -> None:
-    """Print which implementations were not timed, where no table shows them; raises RhytidError
-    where a result was wrong."""
-    if to_stderr:
-        for left in results.untimed:
-            print(f"{left.case}: {left.implementation}: {left.reason}", file=sys.stderr)
+def print_untimed(results: Results) -> None:
+    """Print on stderr which implementations were not timed, where no table shows them."""
+    for left in results.untimed:
+        print(f"{left.case}: {left.implementation}: {left.reason}", file=sys.stderr)
+
+
+def refuse_wrong(results: Results) -> None:
+    """Raise RhytidError where a result was wrong."""
     off = [f"{left.implementation} in {left.case}" for left in results.untimed if left.off]
     if off:
         raise RhytidError(f"the results differ from rhytid's: {', '.join(off)}")
