@@ -17,8 +17,9 @@ import pytest
 from baking.fake_engine import FakeEngine
 from baking.test_baking_resume import SQUARE, bake, baker, maps
 from exports.textures.reading import read_texture
-from rhytid.baking import baker as baker_module
-from rhytid.baking.baker import Baker, FileWriters
+from rhytid.baking import file_writers
+from rhytid.baking.baker import Baker
+from rhytid.baking.file_writers import FileWriters
 from rhytid.baking.map_sources import Geometry, once
 from rhytid.baking.output import BakeRecord
 from rhytid.engine.byte_budget import ByteBudget, Hold
@@ -137,8 +138,8 @@ def test_after_an_error_of_a_writer_what_waits_is_not_written(
     engine: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Pool, "ended", threading.Event())
-    monkeypatch.setattr(baker_module, "ThreadPoolExecutor", Pool)
-    monkeypatch.setattr(baker_module, "core_count", lambda: 1)  # three writers, three frames
+    monkeypatch.setattr(file_writers, "ThreadPoolExecutor", Pool)
+    monkeypatch.setattr(file_writers, "core_count", lambda: 1)  # three writers, three frames
     begun = []
 
     def write(path: Path) -> None:

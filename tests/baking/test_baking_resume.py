@@ -170,6 +170,61 @@ def test_files_that_will_be_replaced_are_told_before_one_is(
     assert {name: (tmp_path / name).read_bytes() for name in maps(tmp_path)} == before
 
 
+def contents(folder: Path) -> dict[str, bytes]:
+    return {file.name: file.read_bytes() for file in folder.iterdir()}
+
+
+@pytest.mark.parametrize("surfaces", [False, True])
+def test_a_strict_bake_that_would_replace_files_of_later_frames_writes_none(
+    surfaces: bool, engine: FakeEngine, tmp_path: Path
+) -> None:
+    values = [0.5, 0.25, 0.75, 1.0]
+    bake(engine, tmp_path, values, part="3-4")
+    if surfaces:  # and the maps of the frame are as they are asked for
+        (tmp_path / "face.0004.glb").write_bytes(b"older")
+    else:
+        engine.revision += 1
+    before = contents(tmp_path)
+    strict = baker(engine, tmp_path, values)
+    strict.geometry = Geometry(SQUARE, "glb", 1) if surfaces else None
+    strict.warnings = RunWarnings("bake", True)
+
+    with pytest.raises(StrictError, match=r"so nothing was done \(--allow files-repl"):
+        strict.run()
+
+    assert contents(tmp_path) == before
+    assert strict.warnings.found[0].detail.startswith(
+        str(tmp_path / ("face.0004.glb" if surfaces else "face.1001.0003.exr"))
+    )
+
+
+@pytest.mark.parametrize("code", ["methods-mixed", "devices-mixed"])
+def test_a_strict_bake_says_where_files_were_written(
+    code: str, engine: FakeEngine, tmp_path: Path
+) -> None:
+    values = [0.5, 0.25, 0.75]
+    bake(engine, tmp_path, values)
+    engine.revision += code == "devices-mixed"
+    method = "binned" if code == "methods-mixed" else "redraw"
+    strict = baker(engine, tmp_path, values, method=method, part="2")
+    strict.warnings = RunWarnings("bake", True, ["files-replaced"])
+
+    with pytest.raises(StrictError, match=rf"1 warning, after files were written \(--allow {code}"):
+        strict.run()
+
+    assert strict.written == 2
+
+
+def test_a_strict_bake_takes_up_what_is_there(engine: FakeEngine, tmp_path: Path) -> None:
+    bake(engine, tmp_path, [0.5, 0.25], part="2")
+    strict = baker(engine, tmp_path, [0.5, 0.25])
+    strict.warnings = RunWarnings("bake", True)
+
+    strict.run()
+
+    assert (strict.written, strict.skipped, strict.warnings.found) == (2, 2, [])
+
+
 def test_another_asset_is_drawn_again(engine: FakeEngine, tmp_path: Path) -> None:
     bake(engine, tmp_path, [1.0])
     engine.revision += 1

@@ -109,6 +109,10 @@ def test_arrays_of_expressions_by_any_name_say_how_they_are_given() -> None:
     assert re.search(told, warning.detail)
     assert notes == ("the mesh file has arrays that are not read: 'expr_names'",)
     assert unread(changed(expr_deltas=FRAMES, shapes=FRAMES))[0] == ()
+    assert unread(changed(velocities=FRAMES, frames=FRAMES)) == (
+        (), ("the mesh file has arrays that are not read: 'velocities'",),
+    )  # fmt: skip
+    assert len(unread(changed(expr_deltas=FRAMES[1:], frames=FRAMES))[0]) == 1
     for other in (FRAMES[:, :3], FRAMES[..., :2], SQUARE, np.array([[["a"]]])):
         assert unread(changed(expr_deltas=other))[0] == ()
     with pytest.raises(FrameError, match=told):

@@ -17,11 +17,10 @@ import pytest
 from rhytid.storage.shared.folder_backend import FolderBackend
 from rhytid.support.atomic_files import (
     atomic_write,
-    hashed_writes,
     prepared_in,
     shared_working_folder,
     sweep,
-    write_pieces,
+    write_hashed,
 )
 from storage.leftovers import left_by_a_killed_writer
 
@@ -35,19 +34,11 @@ with atomic_write(Path(sys.argv[1])) as aside:
 """
 
 
-def test_what_a_thread_writes_is_hashed_as_it_is_written(tmp_path: Path) -> None:
-    def write(name: str) -> None:
-        with atomic_write(tmp_path / name) as aside:
-            write_pieces(aside, [name.encode(), memoryview(b"more")])
+def test_the_digest_of_a_file_is_of_its_bytes(tmp_path: Path) -> None:
+    digest = write_hashed(tmp_path / "map", iter([b"some", memoryview(b"more")]))
 
-    with hashed_writes() as digests:
-        write("own")
-        other = threading.Thread(target=write, args=("other",))
-        other.start()
-        other.join()
-    write("later")
-
-    assert digests == {"own": hashlib.sha256((tmp_path / "own").read_bytes()).hexdigest()}
+    assert (tmp_path / "map").read_bytes() == b"somemore"
+    assert digest == hashlib.sha256(b"somemore").hexdigest()
 
 
 def test_a_killed_writer_leaves_no_half_file_and_what_is_left_is_swept(tmp_path: Path) -> None:

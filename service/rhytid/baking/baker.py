@@ -8,11 +8,9 @@ kept for all frames, and the mesh of a displaced surface, are not counted.
 from __future__ import annotations
 
 import hashlib
-import math
-import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -20,29 +18,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rhytid.baking.assets import finish
+from rhytid.baking.file_writers import FileWriters, all_written, release_after
 from rhytid.baking.frame_names import FramePlace
 from rhytid.baking.frames import FrameFiles
 from rhytid.baking.map_sources import FrameSurface, Geometry, MapSources, Texels, once
-from rhytid.baking.output import BakeRecord, Drawn, Output, mesh_facts
+from rhytid.baking.output import BakeRecord, Origin, Output, mesh_facts
 from rhytid.baking.request import Lag
 from rhytid.baking.run_warnings import RunWarnings
 from rhytid.domain.mesh import Mesh
-from rhytid.engine.byte_budget import ByteBudget, Hold
+from rhytid.domain.warnings import FILES_REPLACED
+from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import AssetInfo, MapQuery
-from rhytid.errors import CancelledError
 from rhytid.exports.textures.frame_map import Facts, FrameMap
 from rhytid.exports.textures.profiles import Profile
 from rhytid.exports.textures.writers import write_parts
-from rhytid.support.atomic_files import hashed_writes
 from rhytid.support.console import Stopwatch, counted, detail
-from rhytid.support.cores import core_count
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
     from rhytid.engine.messages import TilePlan
 
-# Frames that are drawn before the first of them is written, at least.
-_AHEAD = 3
 # Bytes of the displacement of a texel, and again in what a surface is made from.
 _DISPLACEMENT = 4
 
@@ -92,15 +87,17 @@ class Baker:
         """
         record = self.output.record(self.engine.tiles.drawn_by)
         with FileWriters(self.engine.memory.limit) as writers:
+            if self.warnings.refuses(FILES_REPLACED):
+                self._refuse_replaced(record, writers, places)
             upcoming, ahead = iter(places), deque[list[Future[int]]]()
             for _ in shown:
-                while len(ahead) < writers.ahead and not (ahead and _is_written(ahead[0])):
+                while len(ahead) < writers.ahead and not (ahead and all_written(ahead[0])):
                     if (place := next(upcoming, None)) is None:
                         break
                     ahead.append(self._frame(record, writers, place))
                 self.written += sum(done.result() for done in ahead.popleft())
         if self.written:
-            self.warnings.drawn_by(self.output.drawn_by(self._drawn))
+            self.warnings.origins(self.output.origins(self._origin))
 
     def first_maps(self) -> tuple[Texels, Iterator[tuple[int, Texels]]]:
         """The first frame that is baked: its positions, and its maps by UDIM, each drawn when it is
@@ -119,16 +116,14 @@ class Baker:
         self, record: BakeRecord, writers: FileWriters, place: FramePlace
     ) -> list[Future[int]]:
         """Draw a frame, and have its files written. Each result is a number of files."""
-        with self.watch.step("stretch"):
-            positions, _ = self._put(place)
-        frame = _Frame(place, self._sources.surface(place, positions), record, writers)
-        plans = {udim: self._plan(place, udim) for udim in self.asset.udims}
+        frame, plans = self._begun(record, writers, place)
         surface = self._due_surface(frame, plans)
         due = {udim: self._due_maps(frame, plan) for udim, plan in plans.items()}
         if surface or any(due.values()):
             # By now, for a bake that is killed has files of this device, too; and for each frame,
             # since a part that ends takes marks away that no record names yet.
-            self.output.leave_mark(self._drawn)
+            self.warnings.files_follow()
+            self.output.leave_mark(self._origin)
         together = sum(self._map_bytes(one) for one in due.values())
         held = writers.hold(together) if surface else None
         found, drawn = [], {}
@@ -148,13 +143,38 @@ class Baker:
         self.engine.frames.delete(self.asset.id, place.label)
         return found
 
+    def _begun(
+        self, record: BakeRecord, writers: FileWriters, place: FramePlace
+    ) -> tuple[_Frame, dict[int, TilePlan]]:
+        """Give a frame to the engine; the plans of its maps by UDIM."""
+        with self.watch.step("stretch"):
+            positions, _ = self._put(place)
+        frame = _Frame(place, self._sources.surface(place, positions), record, writers)
+        return frame, {udim: self._plan(place, udim) for udim in self.asset.udims}
+
+    def _refuse_replaced(
+        self, record: BakeRecord, writers: FileWriters, places: Sequence[FramePlace]
+    ) -> None:
+        """Raise StrictError where a file of any frame would be replaced, before one is written."""
+        format = self.geometry.format if self.geometry else None
+        there = {file.name for file in self.output.folder.iterdir()}
+        held = [p for p in places if there & self.output.names([p], self.asset.udims, format)]
+        for place in counted(held, "checking", "frame"):
+            frame, plans = self._begun(record, writers, place)
+            files = [(f, key) for p in plans.values() for f, key, _ in self._map_files(frame, p)]
+            surface = self._surface_file(frame, plans)
+            for file, key in [*files, *([surface] if surface else [])]:
+                if file.exists() and not record.done(file, key):
+                    self.warnings.replaces(file)
+            self.engine.frames.delete(self.asset.id, place.label)
+
     @cached_property
     def _sources(self) -> MapSources:
         return MapSources(self.engine, self.asset, self.mesh, self.frames, self.lag)
 
     @property
-    def _drawn(self) -> Drawn:
-        return Drawn(self.engine.tiles.drawn_by, self.query.method)
+    def _origin(self) -> Origin:
+        return Origin(self.engine.tiles.drawn_by, self.query.method)
 
     @cached_property
     def _mesh_facts(self) -> Callable[[], Facts]:
@@ -175,26 +195,37 @@ class Baker:
 
     def _due_maps(self, frame: _Frame, plan: TilePlan) -> list[_DueMap]:
         """The files of one map that are not done."""
-        found = []
+        return [
+            _DueMap(file, key, profile, frame.source(profile, file, key))
+            for file, key, profile in self._map_files(frame, plan)
+            if not self._is_done(frame, file, key)
+        ]
+
+    def _map_files(self, frame: _Frame, plan: TilePlan) -> Iterator[tuple[Path, str, Profile]]:
+        """The files of one map, and the keys of their contents."""
         for profile in self.output.profiles:
             file = self.output.file(profile, plan.header.udim, frame.place)
             # A map of the neutral is the same in all frames, what is made of positions is not.
             digest = frame.surface.digest() if profile.posed else ""
             digest += frame.surface.history() if profile.lagging else ""
-            key = f"{plan.key}-{profile.key}{digest}"
-            if not self._is_done(frame, file, key):
-                found.append(_DueMap(file, key, profile, frame.source(profile, file, key)))
-        return found
+            yield file, f"{plan.key}-{profile.key}{digest}", profile
 
     def _due_surface(self, frame: _Frame, plans: Mapping[int, TilePlan]) -> tuple[Path, str] | None:
-        """The file and the key of the surface that the maps of a frame displace, unless it is
-        done."""
+        """The file of the surface of a frame, and its key, unless it is done."""
+        one = self._surface_file(frame, plans)
+        return None if one is None or self._is_done(frame, *one) else one
+
+    def _surface_file(
+        self, frame: _Frame, plans: Mapping[int, TilePlan]
+    ) -> tuple[Path, str] | None:
+        """The file of the surface that the maps of a frame displace, and the key of its contents;
+        None where surfaces are not asked for."""
         if self.geometry is None:
             return None
         file = self.output.geometry_file(frame.place, self.geometry.format)
         keys = [frame.surface.digest(), *(plan.key for plan in plans.values())]
         key = hashlib.sha256("\n".join([*keys, self.geometry.words]).encode()).hexdigest()
-        return None if self._is_done(frame, file, key) else (file, key)
+        return file, key
 
     def _is_done(self, frame: _Frame, file: Path, key: str) -> bool:
         done = frame.record.done(file, key)
@@ -229,35 +260,33 @@ class Baker:
         """Write the files of a map; on any thread."""
         for one in due:
             frame.writers.check()
-            with self.watch.step("write"), hashed_writes() as digests:
-                if not self._copied(frame, one):
+            with self.watch.step("write"):
+                if (digest := self._copied(frame, one)) is None:
                     # By which readers know maps of another mesh.
                     facts = {"triangles": len(self.mesh.faces), **one.profile.all_facts(map)}
-                    one.profile.write(one.file, map, facts)
-                # Files of libraries have no digest yet.
+                    digest = one.profile.write(one.file, map, facts)
                 method = self.query.method if one.profile.drawn else ""
-                frame.record.add(one.file, one.key, method, digests.get(one.file.name))
+                frame.record.add(one.file, one.key, method, digest)
             detail(f"wrote {one.file.name}")
         return len(due)
 
-    def _copied(self, frame: _Frame, one: _DueMap) -> bool:
-        """Write a file as a copy of one with the same key, with the name of its own frame; whether
-        that was possible. The bytes that are copied have the hash that the record has of them.
-        Raises what the writing of the other one did."""
+    def _copied(self, frame: _Frame, one: _DueMap) -> str | None:
+        """Write a file as a copy of one with the same key, with the name of its own frame; SHA-256
+        of it, None where that was not possible. The bytes that are copied have the hash that the
+        record has of them. Raises what the writing of the other one did."""
         if one.source is None or one.profile.renamed is None:
-            return False
+            return None
         file, written = one.source
         if written is not None:
             written.result()
         data = frame.record.contents(file, one.key)
         if data is None:
-            return False
+            return None
         try:
             parts = one.profile.renamed(data, "frame", frame.place.label)
         except (KeyError, ValueError):
-            return False
-        write_parts(one.file, parts)
-        return True
+            return None
+        return write_parts(one.file, parts)
 
     def _write_surface(
         self, frame: _Frame, one: tuple[Path, str], drawn: Mapping[int, FrameMap]
@@ -266,9 +295,9 @@ class Baker:
         assert self.geometry is not None
         file, key = one
         maps = {udim: map.bordered() for udim, map in drawn.items()}
-        with self.watch.step("geometry"), hashed_writes() as digests:
-            self.geometry.write(file, frame.surface.positions, maps)
-            frame.record.add(file, key, self.query.method, digests.get(file.name))
+        with self.watch.step("geometry"):
+            digest = self.geometry.write(file, frame.surface.positions, maps)
+            frame.record.add(file, key, self.query.method, digest)
         detail(f"wrote {file.name}")
         return 1
 
@@ -327,84 +356,3 @@ class _Frame:
             if self.record.done(file, key):
                 return file, None
         return None
-
-
-class FileWriters:
-    """Threads that write files, and the bytes that wait for them.
-
-    limit: of the bytes.  ahead: frames that are drawn before the first of them is written, at most.
-    under_way: files that are being written by their keys, and the writing of each. Work that writes
-    several files asks `check` before each.
-    """
-
-    def __init__(self, limit: int) -> None:
-        self._budget = ByteBudget(limit, "RHYTID_HOST_MEMORY_MB", math.inf)
-        self.ahead = max(_AHEAD, core_count() + 1)
-        self._pool = ThreadPoolExecutor(self.ahead, "rhytid-writer")
-        self.under_way: dict[str, tuple[Path, Future[int]]] = {}
-        self._stopping = threading.Event()
-
-    def __enter__(self) -> FileWriters:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *raised: object) -> None:
-        """Wait until everything is written; after an error, until the files that were begun are. A
-        signal that comes meanwhile is such an error: else its folder may be removed under a
-        writer."""
-        try:
-            if kind is None:
-                self._pool.shutdown()
-        except BaseException:
-            self._stop()
-            raise
-        if kind is not None:
-            self._stop()
-
-    def _stop(self) -> None:
-        self._stopping.set()
-        # A copy waits for a file that was queued before it, so that is never cancelled under it.
-        self._pool.shutdown(cancel_futures=True)
-
-    def check(self) -> None:
-        """Raise CancelledError where no more files are to be begun."""
-        if self._stopping.is_set():
-            raise CancelledError("the bake has ended")
-
-    def note(self, files: Mapping[str, Path], writing: Future[int]) -> None:
-        """Have files, by their keys, in `under_way` until they are written."""
-        self.under_way.update((key, (file, writing)) for key, file in files.items())
-
-        def forget(done: Future[int]) -> None:
-            for key, file in files.items():
-                if self.under_way.get(key) == (file, done):
-                    del self.under_way[key]
-
-        writing.add_done_callback(forget)
-
-    def hold(self, nbytes: int) -> Hold:
-        """Wait until so many bytes are free, or all, and hold them."""
-        held = self._budget.hold("maps")
-        held.grow(min(nbytes, self._budget.limit))
-        return held
-
-    def submit(self, write: Callable[[], int]) -> Future[int]:
-        """Have files written."""
-        return self._pool.submit(write)
-
-
-def release_after(held: Hold, writing: Sequence[Future[int]]) -> None:
-    """Release bytes when the last of some files is written."""
-    left, lock = set(writing), threading.Lock()
-
-    def forget(done: Future[int]) -> None:
-        with lock:
-            left.discard(done)
-            if not left:
-                held.release()
-
-    for future in writing:
-        future.add_done_callback(forget)
-
-
-def _is_written(frame: Sequence[Future[int]]) -> bool:
-    return all(future.done() for future in frame)

@@ -26,7 +26,7 @@ from rhytid.exports.textures.frame_map import Chart, Facts, FrameMap, Padding, V
 from rhytid.exports.textures.stretch import corner_weights, vertex_stretch
 from rhytid.exports.textures.tangents import Posed
 from rhytid.formats.tile_header import TileHeader
-from rhytid.support.atomic_files import atomic_write, write_file
+from rhytid.support.atomic_files import atomic_write, write_hashed
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
@@ -163,9 +163,10 @@ class Geometry:
         maps: Mapping[int, Texels],
         *,
         curved: bool = False,
-    ) -> None:
-        """Write the surface of a frame; the file appears when it is complete.  positions: (V, 3).
-        maps: displacement by UDIM.  curved: as `Subdivided.moved` has it."""
+    ) -> str:
+        """Write the surface of a frame; the file appears when it is complete. Returns its SHA-256.
+
+        positions: (V, 3).  maps: displacement by UDIM.  curved: as `Subdivided.moved` has it."""
         data = mesh_format(self.format).write(self._cut.moved(positions, maps, curved=curved))
         with atomic_write(file) as aside:
-            write_file(aside, data)
+            return write_hashed(aside, [data])

@@ -28,14 +28,14 @@ _UNITS = ("bytes", "kB", "MB", "GB", "TB")
 FLOATS = (PROFILES["float"],)
 
 
-class Drawn(NamedTuple):
+class Origin(NamedTuple):
     """What drew a map.  drawn_by: names the device and the version of the drawing.  method: empty
     where the map shows no displacement, and in records of older releases; so may `drawn_by` be."""
 
     drawn_by: str
     method: str
 
-    def has(self, other: Drawn) -> bool:
+    def has(self, other: Origin) -> bool:
         """Whether all that another one says is so of this one."""
         return all(theirs in ("", own) for own, theirs in zip(self, other, strict=True))
 
@@ -87,7 +87,7 @@ class Output:
         others += filter(self._concerns, self.folder.glob(f"{glob.escape(self.name)}.bake.*.json"))
         return BakeRecord(own, others, drawn_by)
 
-    def drawn_by(self, now: Drawn) -> set[Drawn]:
+    def origins(self, now: Origin) -> set[Origin]:
         """What drew the maps of all parts, and how.  now: what has drawn this one.
 
         Each device leaves a small file for each method, so that a part need not read the records of
@@ -98,13 +98,13 @@ class Output:
         marks = {*self.folder.glob(f"{name}.device.*.json")} - {mark}
         if not marks:
             return {now}
-        found = {now, *drawn_by(self.folder.glob(f"{name}.bake*.json"))}
+        found = {now, *_origins_in(self.folder.glob(f"{name}.bake*.json"))}
         if all(now.has(one) for one in found):
             for one in marks:
                 one.unlink(missing_ok=True)
         return found
 
-    def leave_mark(self, now: Drawn) -> Path:
+    def leave_mark(self, now: Origin) -> Path:
         """The file that names the device and the method that draw now, written where it is not
         there."""
         digest = hashlib.sha256("\n".join(now).encode()).hexdigest()[:8]
@@ -231,12 +231,12 @@ class BakeRecord:
     def add(self, file: Path, key: str, method: str, digest: str | None = None) -> None:
         """Record that `file` was written for `key`. The record is on the disk when this returns.
 
-        method: as in `Drawn`.  digest: SHA-256 of the bytes that were written; None to read them
+        method: as in `Origin`.  digest: SHA-256 of the bytes that were written; None to read them
         again.
         """
         digest = digest or StoredFile.read(file).sha256
         with self._lock:
-            by = Drawn(self._drawn_by, method)._asdict()
+            by = Origin(self._drawn_by, method)._asdict()
             self._maps[file.name] = {"key": key, "sha256": digest, **by}
             self._names[key] = file.name
             text = json.dumps({"maps": self._maps}, indent=1, sort_keys=True)
@@ -249,12 +249,12 @@ class BakeRecord:
         return {entry["sha256"] for entry in entries if entry["key"] == key}
 
 
-def drawn_by(records: Iterable[Path]) -> set[Drawn]:
+def _origins_in(records: Iterable[Path]) -> set[Origin]:
     """What drew the maps in these records. Where several records have a map, the latest counts."""
-    found: dict[str, Drawn] = {}
+    found: dict[str, Origin] = {}
     for record in sorted(records, key=lambda path: path.stat().st_mtime_ns):
         for name, entry in _load(record).items():
-            found[name] = Drawn(entry["drawn_by"], entry["method"])
+            found[name] = Origin(entry["drawn_by"], entry["method"])
     return {*found.values()}
 
 
@@ -274,7 +274,7 @@ def _checked(stored: Any) -> dict[str, dict[str, str]]:
     return {
         str(name): {
             **{k: str(entry[k]) for k in ("key", "sha256")},
-            **{k: str(entry.get(k, "")) for k in Drawn._fields},
+            **{k: str(entry.get(k, "")) for k in Origin._fields},
         }
         for name, entry in maps
     }

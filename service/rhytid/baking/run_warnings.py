@@ -9,7 +9,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from rhytid.baking.frames import FrameFiles
-from rhytid.baking.output import Drawn
+from rhytid.baking.output import Origin
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import FrameCheck, mesh_warnings
@@ -45,6 +45,7 @@ class RunWarnings:
         self._command, self._strict, self._allow = command, strict, allow
         self.found: list[InputWarning] = []
         self.notices: list[Notice] = []
+        self._done = "so nothing was done"
 
     def __enter__(self) -> RunWarnings:
         return self
@@ -83,6 +84,14 @@ class RunWarnings:
         self.add(replace(warning, where=f"frame {name}") for warning in warnings)
         self.refuse()
 
+    def refuses(self, code: str) -> bool:
+        """Whether a warning of this code is an error."""
+        return self._strict and code not in self._allow
+
+    def files_follow(self) -> None:
+        """Files are written from now on: errors say so, and no more that nothing was done."""
+        self._done = "after files were written"
+
     def replaces(self, file: Path) -> None:
         """Warn of the first file of a bake that will be replaced. Raises StrictError."""
         detail = (
@@ -92,8 +101,8 @@ class RunWarnings:
         self.add([InputWarning(FILES_REPLACED, detail, "the bake")])
         self.refuse()
 
-    def drawn_by(self, found: Collection[Drawn]) -> None:
-        """Warn where several devices or methods drew the maps of one bake, as `Output.drawn_by` has
+    def origins(self, found: Collection[Origin]) -> None:
+        """Warn where several devices or methods drew the maps of one bake, as `Output.origins` has
         them. Raises StrictError."""
         devices, methods = ({*names} - {""} for names in zip(*found, strict=True))
         if len(devices) > 1:
@@ -162,7 +171,7 @@ class RunWarnings:
         wrong = not_allowed(self.found, self._allow) if self._strict else ()
         if wrong:
             codes = " ".join(f"--allow {code}" for code in dict.fromkeys(w.code for w in wrong))
-            message = f"--strict: {_count(wrong)}, so nothing was done ({codes} would allow that)"
+            message = f"--strict: {_count(wrong)}, {self._done} ({codes} would allow that)"
             raise StrictError(message, wrong)
 
     def _print(self, line: str) -> None:

@@ -226,7 +226,10 @@ def add_progress(parser: Arguments) -> None:
 
 def add_strict(parser: Arguments) -> None:
     """Add `--strict`, and `--allow CODE` for warnings that it does not refuse."""
-    strict = "end with an error, before anything is made, where there would be warnings"
+    strict = (
+        "end with an error where there would be warnings: before anything is made, but for maps "
+        "that are mixed, which a bake knows at its end"
+    )
     parser.add_argument("--strict", action="store_true", help=strict)
     allow = f"a warning that --strict does not refuse, repeated for several: {', '.join(CODES)}"
     parser.add_argument(

@@ -277,7 +277,7 @@ WARNINGS: dict[str, Meaning] = {
         "an npz that is sent as a mesh",
         (
             "it has arrays that are not read, whose names are nearly those of some that are not "
-            "there, or which have three numbers for each vertex, as expressions have"
+            "there, or which have three numbers for each vertex several times, as expressions have"
         ),
         (
             "call them as the text has it, `frames` or `shapes` with `names`; offsets are first "
@@ -288,7 +288,8 @@ WARNINGS: dict[str, Meaning] = {
         "a bake",
         (
             "files are there under the names of its own, and were baked by another method, with "
-            "other settings or frames, or changed since; told before the first is replaced"
+            "other settings or frames, or changed since; told before the first is replaced, with "
+            "`--strict` before any file is written"
         ),
         "bake into another folder, or under another `--name`, to keep them",
     ),

@@ -107,16 +107,18 @@ def _slips(archive: Archive, wanted: Iterable[str], vertices: int) -> tuple[list
 
 
 def _expressions(archive: Archive, names: Iterable[str], vertices: int) -> dict[str, str]:
-    """What is told of members with three numbers for each vertex, as expressions have them, by
-    whatever name: whether these are positions or offsets is not known here."""
+    """What is told of members (N, V, 3) of whatever name, as expressions are: whether these are
+    positions or offsets is not known here. With as many N as there are frames they are something
+    else of each frame, such as velocities."""
     shapes = {name: archive.shape(name) for name in names}
+    frames = archive.shape("frames") if "frames" in archive else None
     return {
         name: (
             f"{shape[0]} expressions? give their positions of all {vertices} vertices as shapes, "
             "with names; offsets are to be added to those of the mesh"
         )
         for name, shape in shapes.items()
-        if shape is not None and len(shape) == 3 and shape[1:] == (vertices, 3)
+        if shape is not None and len(shape) == 3 and shape[1:] == (vertices, 3) and shape != frames
     }
 
 

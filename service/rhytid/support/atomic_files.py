@@ -9,9 +9,8 @@ import os
 import re
 import shutil
 import stat
-import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -51,8 +50,6 @@ def _new_name() -> str:
 _places: dict[Path, Path] = {}
 # Files that `atomic_write` prepares now, by where.
 _prepared: dict[Path, Path] = {}
-# What `hashed_writes` of a thread has found.
-_hashed = threading.local()
 # How often a folder is emptied in which others write, and the seconds between two times.
 _TRIES, _PAUSE = 10, 0.02
 # Bytes that are copied at a time.
@@ -93,14 +90,18 @@ def write_file(path: Path, data: bytes) -> None:
 
 def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
     """Write a new file that comes in pieces, as `write_file` does."""
-    digests = getattr(_hashed, "digests", None)
-    digest = None if digests is None else hashlib.sha256()
     with path.open("xb") as file:
-        file.writelines(pieces if digest is None else _passing(pieces, digest))
+        file.writelines(pieces)
         file.flush()
         os.fsync(file.fileno())
-    if digests is not None and digest is not None:
-        digests[path.name] = digest.hexdigest()
+
+
+def write_hashed(path: Path, pieces: Iterable[bytes | memoryview]) -> str:
+    """Write a new file as `write_pieces` does; SHA-256 of its bytes, taken as they are written, so
+    that none is read again."""
+    digest = hashlib.sha256()
+    write_pieces(path, _passing(pieces, digest))
+    return digest.hexdigest()
 
 
 def _passing(
@@ -109,17 +110,6 @@ def _passing(
     for piece in pieces:
         digest.update(piece)
         yield piece
-
-
-@contextmanager
-def hashed_writes() -> Iterator[Mapping[str, str]]:
-    """SHA-256 of the files that this thread writes in the block by `write_pieces` and what calls
-    it, by their names: of the bytes as they are written, so that none is read again."""
-    _hashed.digests = found = dict[str, str]()
-    try:
-        yield found
-    finally:
-        del _hashed.digests
 
 
 def copy_file(source: Path, to: Path) -> None:

@@ -6,7 +6,7 @@ import hashlib
 import pickle
 import shutil
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -232,6 +232,10 @@ class ChunkReport:
 
 class UnprintedWarnings(RunWarnings):
     """Warnings that are sent to the machine that began the bake, which prints them."""
+
+    def __init__(self, command: str, strict: bool, allow: Collection[str] = ()) -> None:
+        super().__init__(command, strict, allow)
+        self._done = "and files of other frames may be written"
 
     def add(self, warnings: Iterable[InputWarning]) -> None:
         """Add warnings, each once."""

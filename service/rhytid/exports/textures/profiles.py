@@ -24,8 +24,9 @@ class Profile:
     key: identifies the bytes that it writes of a map: a change of the writer needs another key.
     extension: with its dot.  middle: between NAME and extension.  texel_bytes: before compression.
     working_bytes: of memory for a texel while its file is written, at most, beside displacement,
-    chart and padding.  write: draws and writes one file, whole or not at all.  packed: whether
-    `--compression` is for it.  facts: for readers of the files, the same for all files of an asset.
+    chart and padding.  write: draws and writes one file, whole or not at all; returns its SHA-256,
+    None where a library has written it.  packed: whether `--compression` is for it.  facts: for
+    readers of the files, the same for all files of an asset.
     described: whether the facts are in a file beside them, too.  drawn: whether it shows
     displacement, and not only the stretch of the frame.  posed: whether it reads the positions of
     the frame, too.  lagging: whether it reads those of frames before it.  of_slopes: whether it is
@@ -39,7 +40,7 @@ class Profile:
     middle: str
     texel_bytes: float
     working_bytes: int
-    write: Callable[[Path, FrameMap, Facts], None]
+    write: Callable[[Path, FrameMap, Facts], str | None]
     facts: Callable[[FrameMap], Facts]
     described: bool = True
     packed: bool = False
@@ -66,13 +67,13 @@ class Profile:
         """The profile with a compression, where it has a choice of them; `zip` is the usual one."""
         if not self.packed or compression == "zip":
             return self
-        write: Callable[..., None] = self.write
+        write: Callable[..., str | None] = self.write
         key = f"{self.key}-{compression}"
         return replace(self, key=key, write=partial(write, compression=compression))
 
     def shiny(self, how: Shine) -> Profile:
         """The profile of a level, where it is made of slopes: normals where one is given."""
-        write: Callable[..., None] = self.write
+        write: Callable[..., str | None] = self.write
         facts: Callable[..., Facts] = self.facts
         if self.name.startswith("normal") and how.level is not None:
             write, facts = shine.write_mean_normals, partial(shine.normal_facts, self.facts)

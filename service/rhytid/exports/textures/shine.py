@@ -125,24 +125,26 @@ def normal_facts(own: Callable[[FrameMap], Facts], map: FrameMap, shine: Shine =
     return {**own(map), "level": shine.of_moments}
 
 
-def write_slopes(path: Path, map: FrameMap, facts: Facts, shine: Shine = USUAL) -> None:
+def write_slopes(path: Path, map: FrameMap, facts: Facts, shine: Shine = USUAL) -> str:
     """Write moments as OpenEXR of floats."""
     values, at = _padded(map, shine)
     ends = values.min(), values.max()
-    write_parts(path, slope_parts(values, attributes(at.header, facts, *ends)))
+    return write_parts(path, slope_parts(values, attributes(at.header, facts, *ends)))
 
 
-def write_roughness(path: Path, map: FrameMap, facts: Facts, shine: Shine = USUAL) -> None:
+def write_roughness(path: Path, map: FrameMap, facts: Facts, shine: Shine = USUAL) -> str:
     """Write roughness along and across as RGB PNG of 16 bits, blue 0."""
     found, at = _gloss(map, shine)
-    _write_codes(path, np.pad(found.roughness, ((0, 0), (0, 0), (0, 1))), at, facts)
+    return _write_codes(path, np.pad(found.roughness, ((0, 0), (0, 0), (0, 1))), at, facts)
 
 
-def write_anisotropy(path: Path, map: FrameMap, facts: Facts, shine: Shine = USUAL) -> None:
+def write_anisotropy(path: Path, map: FrameMap, facts: Facts, shine: Shine = USUAL) -> str:
     """Write the axis and the strength as RGB PNG of 16 bits."""
     found, at = _gloss(map, shine)
     strength = gltf_anisotropy(found)[..., None]
-    _write_codes(path, np.concatenate([found.axis * 0.5 + 0.5, strength], axis=-1), at, facts)
+    return _write_codes(
+        path, np.concatenate([found.axis * 0.5 + 0.5, strength], axis=-1), at, facts
+    )
 
 
 def _gloss(map: FrameMap, shine: Shine) -> tuple[Gloss, FrameMap]:
@@ -157,18 +159,18 @@ def _gloss(map: FrameMap, shine: Shine) -> tuple[Gloss, FrameMap]:
     return found, at
 
 
-def write_mean_normals(path: Path, map: FrameMap, facts: Facts, shine: Shine = USUAL) -> None:
+def write_mean_normals(path: Path, map: FrameMap, facts: Facts, shine: Shine = USUAL) -> str:
     """Write the normals of mean slopes as RGB PNG of 16 bits."""
     values, at = _padded(map, shine)
     normals = mean_normals(values)
     if facts["green"] == "down":
         normals[..., 1] *= -1.0
-    _write_codes(path, normals * 0.5 + 0.5, at, facts)
+    return _write_codes(path, normals * 0.5 + 0.5, at, facts)
 
 
-def _write_codes(path: Path, values: Texels, map: FrameMap, facts: Facts) -> None:
+def _write_codes(path: Path, values: Texels, map: FrameMap, facts: Facts) -> str:
     codes = np.rint(values.clip(0.0, 1.0) * _WHITE).astype(np.uint16)
-    write_png(path, codes, map, facts, values)
+    return write_png(path, codes, map, facts, values)
 
 
 def _padded(map: FrameMap, shine: Shine) -> tuple[Texels, FrameMap]:

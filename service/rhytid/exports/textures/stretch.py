@@ -46,12 +46,12 @@ def weight_facts(map: FrameMap) -> Facts:
     return {"scale": FULL, "midlevel": 0.0, "red": "stretch", "green": "compression"}
 
 
-def write_weights(path: Path, map: FrameMap, facts: Facts) -> None:
+def write_weights(path: Path, map: FrameMap, facts: Facts) -> str:
     """Write stretch, compression and 0 as RGB PNG of 8 bits."""
     values = weight_map(map.chart(), map.weights())
     codes = np.zeros((*values.shape[:2], 3), np.uint8)
     codes[..., :2] = as_bytes(values)
-    write_png(path, codes, map, facts, values)
+    return write_png(path, codes, map, facts, values)
 
 
 def corner_weights(mesh: Mesh, ratios: NDArray[np.float32]) -> FloatArray:
@@ -218,11 +218,11 @@ def stretch_facts(map: FrameMap) -> Facts:
     return {"scale": 1.0, "midlevel": 0.0, **names}
 
 
-def write_stretch(path: Path, map: FrameMap, facts: Facts) -> None:
+def write_stretch(path: Path, map: FrameMap, facts: Facts) -> str:
     """Write the tensor as OpenEXR of half floats with channels R, G and B."""
     values = stretch_map(map.chart(), map.posed(), map.stretch()).astype(np.float16)
     ends = values.min(), values.max()
-    write_parts(path, exr_parts(values, attributes(map.header, facts, *ends), _CHANNELS))
+    return write_parts(path, exr_parts(values, attributes(map.header, facts, *ends), _CHANNELS))
 
 
 def blood_facts(map: FrameMap) -> Facts:
@@ -231,7 +231,7 @@ def blood_facts(map: FrameMap) -> Facts:
     return {"scale": FULL, "midlevel": 32768 / 65535, "range": FULL * 65535 / 32767, **map.lag}
 
 
-def write_blood(path: Path, map: FrameMap, facts: Facts) -> None:
+def write_blood(path: Path, map: FrameMap, facts: Facts) -> str:
     """Write the mask as a grey PNG of 16 bits: black where the area is half, white where double."""
     late = map.chart().sampled(1, map.blood().at)[..., 0]
-    write_signed(path, late, FULL, map, facts)
+    return write_signed(path, late, FULL, map, facts)

@@ -1,4 +1,5 @@
-"""The writers of the profiles: each takes the path, the map and the facts of its profile.
+"""The writers of the profiles: each takes the path, the map and the facts of its profile, and
+returns the SHA-256 of the file, but where a library has written it.
 
 Normal maps: the normal of a surface P + h n is, to first order in h, along n - g, where g is the
 gradient of h on the surface: g . dP/du = dh/du, g . dP/dv = dh/dv. A shader that reads the map
@@ -30,8 +31,7 @@ from rhytid.formats.tiles import quantise
 from rhytid.support.atomic_files import (
     atomic_write,
     storage_errors,
-    write_file,
-    write_pieces,
+    write_hashed,
 )
 
 Codes = NDArray[np.uint8] | NDArray[np.uint16]
@@ -77,27 +77,28 @@ def cavity_facts(map: FrameMap) -> Facts:
     return {"scale": map.depth, "midlevel": 1.0}
 
 
-def write_float(path: Path, map: FrameMap, facts: Facts, compression: str = "zip") -> None:
+def write_float(path: Path, map: FrameMap, facts: Facts, compression: str = "zip") -> str:
     """Write OpenEXR of floats, padded next to islands."""
-    _write_bordered(path, map, facts, "float32", compression)
+    return _write_bordered(path, map, facts, "float32", compression)
 
 
-def write_half(path: Path, map: FrameMap, facts: Facts, compression: str = "zip") -> None:
+def write_half(path: Path, map: FrameMap, facts: Facts, compression: str = "zip") -> str:
     """Write OpenEXR of half floats, padded next to islands."""
-    _write_bordered(path, map, facts, "float16", compression)
+    return _write_bordered(path, map, facts, "float16", compression)
 
 
-def _write_bordered(path: Path, map: FrameMap, facts: Facts, dtype: str, compression: str) -> None:
+def _write_bordered(path: Path, map: FrameMap, facts: Facts, dtype: str, compression: str) -> str:
     heights, padding = map.heights(), map.padding()
     rows = partial(padding.rows, heights)
     body = exr_body(rows, (len(heights), heights.shape[1]), dtype, compression)
-    write_parts(path, body.parts(attributes(map.header, facts, body.minimum, body.maximum)))
+    return write_parts(path, body.parts(attributes(map.header, facts, body.minimum, body.maximum)))
 
 
-def write_parts(path: Path, parts: Iterable[bytes]) -> None:
-    """Write a file that comes in parts, whole or not at all; raises StorageError."""
+def write_parts(path: Path, parts: Iterable[bytes]) -> str:
+    """Write a file that comes in parts, whole or not at all; returns its SHA-256. Raises
+    StorageError."""
     with storage_errors(f"{path} cannot be written"), atomic_write(path) as aside:
-        write_pieces(aside, parts)
+        return write_hashed(aside, parts)
 
 
 def write_mipmapped(path: Path, map: FrameMap, facts: Facts) -> None:
@@ -108,31 +109,31 @@ def write_mipmapped(path: Path, map: FrameMap, facts: Facts) -> None:
         write_tiled(aside, levels_of(heights), attributes(map.header, facts, *ends))
 
 
-def write_png16(path: Path, map: FrameMap, facts: Facts) -> None:
+def write_png16(path: Path, map: FrameMap, facts: Facts) -> str:
     """Write a grey PNG of 16 bits, 0 at code 32768, marked as linear; padded."""
-    write_signed(path, map.padded(), map.header.scale, map, facts)
+    return write_signed(path, map.padded(), map.header.scale, map, facts)
 
 
-def write_signed(path: Path, values: FloatMap, scale: float, map: FrameMap, facts: Facts) -> None:
+def write_signed(path: Path, values: FloatMap, scale: float, map: FrameMap, facts: Facts) -> str:
     """Write values (R, R) within ±scale as a grey PNG of 16 bits, 0 at code 32768, marked as
     linear."""
-    write_png(path, quantise(values, scale), map, facts, values, linear=True)
+    return write_png(path, quantise(values, scale), map, facts, values, linear=True)
 
 
-def write_normals(path: Path, map: FrameMap, facts: Facts) -> None:
+def write_normals(path: Path, map: FrameMap, facts: Facts) -> str:
     """Write normals as RGB PNG of 16 bits."""
     normals = normal_map(map.heights(), map.chart(), map.posed())
     if facts["green"] == "down":
         normals[..., 1] *= -1.0
     codes = np.rint((normals * 0.5 + 0.5) * _WHITE).astype(np.uint16)
-    write_png(path, codes, map, facts, normals)
+    return write_png(path, codes, map, facts, normals)
 
 
-def write_cavity(path: Path, map: FrameMap, facts: Facts) -> None:
+def write_cavity(path: Path, map: FrameMap, facts: Facts) -> str:
     """Write a grey PNG of 8 bits: white is as high as its surroundings or higher, black lower by
     the depth of a furrow of strength 1, or more."""
     values = cavity_map(map.heights(), map.chart(), map.depth)
-    write_png(path, as_bytes(values), map, facts, values)
+    return write_png(path, as_bytes(values), map, facts, values)
 
 
 def as_bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -148,12 +149,12 @@ def write_png(
     facts: Facts,
     values: NDArray[Any],
     linear: bool = False,
-) -> None:
+) -> str:
     """Write codes as PNG with attributes; `minimum` and `maximum` are of the values."""
     ends = values.min(), values.max()
     texts = {name: str(v) for name, v in attributes(map.header, facts, *ends).items()}
     with atomic_write(path) as aside:
-        write_file(aside, encode_png(codes, texts, linear))
+        return write_hashed(aside, [encode_png(codes, texts, linear)])
 
 
 def normal_map(heights: NDArray[np.float32], chart: Chart, posed: Posed) -> NDArray[np.float32]:
