@@ -92,3 +92,39 @@ def test_creases_follow_painted_directions(device: Device, degrees: float) -> No
 def test_creases_turn_with_the_setting(device: Device) -> None:
     angle, _ = axis(creases(grown(device, turn=30.0)))
     assert abs(angle - 120) < 15
+
+
+def on_skin(device: Device, wrinkles: int) -> WrinkleGraph:
+    """100 mm of skin with a lip of 13 mm."""
+    settings = GraphSettings(wrinkles=wrinkles, patches=0.0, events=0.0)
+    mesh, lip = sheets.sheet(scale=100.0), painted(region_lip=band())
+    return synthesize(mesh, settings, device, controls=lip, unit="mm").graph
+
+
+def test_creases_are_of_a_size_of_their_own(device: Device) -> None:
+    """As long together, as broad and as deep whether pores are 0.53 mm apart or 0.96."""
+    lengths, widths, depths = [], [], []
+    for wrinkles, spacing in ((50_000, 0.53), (15_000, 0.96)):
+        graph = on_skin(device, wrinkles)
+        assert graph.edge_share is not None
+        part = graph.edge_share > 1.0
+        step = np.diff(graph.node_uv[graph.edge_nodes[part]].astype(np.float64), axis=1)[:, 0]
+        length = 100.0 * np.linalg.norm(step, axis=1)
+        lengths.append(length.sum())
+        widths.append(np.average(graph.edge_half_width[part], weights=length))
+        depths.append(spacing * np.average(graph.edge_weight[part], weights=length))
+    # A lip has a millimetre of creases to every one or two square millimetres.
+    assert min(lengths) / (0.16 * 0.8 * 1e4) > 0.4
+    for values in (lengths, widths, depths):
+        assert values[1] == pytest.approx(values[0], rel=0.3)
+
+
+def test_no_line_of_the_skin_around_crosses_the_border_of_a_lip(device: Device) -> None:
+    graph = on_skin(device, 15_000)
+    assert graph.edge_share is not None
+    ends = graph.node_uv[graph.edge_nodes].astype(np.float64)[..., 1]
+    inside = ((ends > LOW) & (ends < HIGH)).sum(axis=1)
+    others = graph.edge_share <= 1.0
+    crossing, beyond = (graph.edge_weight[others & (inside == n)] for n in (1, 0))
+    assert len(crossing) > 100
+    assert np.percentile(crossing, 98) < 0.5 * np.percentile(beyond, 98)

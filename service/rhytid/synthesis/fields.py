@@ -113,6 +113,10 @@ class Fields:
         """How far skin has creases, upright lines close together: 0 to 1."""
         return np.zeros(len(triangle), np.float32)
 
+    def creased(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin is of a region with creases, which end within its border: 0 to 1."""
+        return np.zeros(len(triangle), np.float32)
+
     def crumpled(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far skin whose lines are uneven folds without one direction: 0 to 1."""
         return np.zeros(len(triangle), np.float32)

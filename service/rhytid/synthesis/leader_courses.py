@@ -63,7 +63,7 @@ class Wishes:
     key (C,): a random word of each.  size (C,): 0 to 1.  apart (C,): from larger lines, on the
     surface.  before, after (C,): steps to either side of the seed.  least (C,): steps that are left
     of it at least.  family (C,): its number.  pace (C,): millimetres to a step.  broad, deep (C,):
-    factors of how broad and how deep it is.
+    factors of how broad and how deep it is.  string (C,): the most millimetres between its pores.
     """
 
     key: Words
@@ -76,6 +76,7 @@ class Wishes:
     pace: FloatArray
     broad: FloatArray
     deep: FloatArray
+    string: FloatArray
 
     @classmethod
     def of(
@@ -96,7 +97,8 @@ class Wishes:
             for value in (int(np.ceil(family.shortest / family.pace)), family.number)
         )
         before, after = before.astype(np.int64), after.astype(np.int64)
-        kind = (np.full(len(key), x) for x in (family.pace, family.broad, family.deep))
+        own = family.pace, family.broad, family.deep, family.string
+        kind = (np.full(len(key), x) for x in own)
         return cls(key, size, apart, before, after, least, number, *kind)
 
     @property

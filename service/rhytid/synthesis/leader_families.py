@@ -34,13 +34,14 @@ class Family:
     them.  shortest, longest: millimetres.  apart, farther: millimetres between small ones, and how
     much farther the largest are from others.  least: size of the smallest, 0 to 1.  chance: the
     least factor of the distance, and how much larger it may be.  broad, deep: factors of how broad
-    and how deep they are.  crossed: whether others may cross them.  single: whether there is one
-    alone, along which skin has it most, and which no line before it cuts.  winding: how far they
-    wind about their direction, radians, and over which lengths, millimetres.  waves: lengths of
-    those of their depth, millimetres, from, and by chance how much longer.  amplitude: of each of
-    these; where their sum is below -1 a line is broken.  takes: of the shortening of skin, what one
-    takes in its middle at rank 1, of what it would by itself.  strip: how far it takes that from,
-    in pore spacings.
+    and how deep they are.  string: the most millimetres from one pore on a line to the next.
+    crossed: whether others may cross them.  single: whether there is one alone, along which skin
+    has it most, and which no line before it cuts.  winding: how far they wind about their
+    direction, radians, and over which lengths, millimetres.  waves: lengths of those of their
+    depth, millimetres, from, and by chance how much longer.  amplitude: of each of these; where
+    their sum is below -1 a line is broken.  takes: of the shortening of skin, what one takes in its
+    middle at rank 1, of what it would by itself.  strip: how far it takes that from, in pore
+    spacings.
     """
 
     leading: Values
@@ -56,6 +57,7 @@ class Family:
     chance: tuple[float, float] = (0.65, 0.9)
     broad: float = 1.0
     deep: float = 1.0
+    string: float = np.inf
     crossed: bool = True
     single: bool = False
     winding: tuple[tuple[float, float], ...] = ((0.15, 9.0), (0.16, 2.2))
@@ -127,14 +129,15 @@ FROWN_LEFT = Family(
 FROWN_RIGHT = replace(
     FROWN_LEFT, number=4, leading=lambda f, *place: np.maximum(-f.frown(*place), 0.0)
 )
-# Lips have short ones, close together, across them and up to their border.
+# Lips have short ones, close together, across them and up to their border, of the same size
+# whatever the distance of pores is.
 CREASES = Family(
     lambda f, *place: f.creases(*place),
     lambda f, *place: f.upright(*place),
     number=5,
     seeds=1.0,
     pace=0.7,
-    shortest=2.5,
+    shortest=3.0,
     longest=9.0,
     apart=0.7,
     farther=0.7,
@@ -142,6 +145,7 @@ CREASES = Family(
     chance=(0.5, 1.7),
     broad=0.4,
     deep=0.8,
+    string=0.7,
     winding=((0.22, 5.0), (0.18, 1.5)),
     waves=((2.0, 2.0), (4.0, 3.0), (8.0, 6.0)),
     amplitude=0.35,

@@ -20,7 +20,7 @@ from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.hashes import unit_intervals
 from rhytid.synthesis.leader_courses import Courses, starts
 from rhytid.synthesis.leader_families import CREASES, FAMILIES, RINGS, Family, leading_of
-from rhytid.synthesis.pore_density import spacings
+from rhytid.synthesis.pore_density import SPACING, spacings
 from rhytid.synthesis.seams.borders import NONE
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, unit
 
@@ -51,7 +51,8 @@ class LeaderPores:
     line (Q,): the number of the leader.  depth (Q,) float32: how deep the leader is there, from 0
     at its ends to about 1 in the middle of the largest.  width (Q,) float32: how broad, likewise.
     profile (Q,) float32: the part of the depth that changes along the leader, about 1 in its
-    middle.  family (Q,): the number of the family.
+    middle.  family (Q,): the number of the family.  usual: the usual distance of pores, of that
+    which these are laid for.
     """
 
     points: Points
@@ -60,6 +61,7 @@ class LeaderPores:
     width: NDArray[np.float32]
     profile: NDArray[np.float32]
     family: IntArray
+    usual: float = 1.0
 
     def __len__(self) -> int:
         return len(self.line)
@@ -131,7 +133,9 @@ class Leaders:
         holds = surface.carries[points.triangle] & ~fields.bare(points.triangle, points.uv)
         depth, width, profile = (v[holds].astype(np.float32) for v in (depth, width, profile))
         family = wishes.family[row[holds]]
-        return LeaderPores(points.take(holds), line[holds], depth, width, profile, family)
+        usual = SKIN.spacing * self.courses.millimetre / (SPACING * radius)
+        points, line = points.take(holds), line[holds]
+        return LeaderPores(points, line, depth, width, profile, family, usual)
 
     def _places(self, radius: float) -> tuple[IntArray, FloatArray]:
         """(Q,) the leader of each pore, and (Q,) where on it the pore lies, counted in points of
@@ -141,7 +145,9 @@ class Leaders:
         at = np.arange(len(line)) - (start[:-1] - self.first)[line]
         points = self.courses.points.take(self.courses.start[self.row[line]] + at)
         pace = _PACE * radius * spacings(self.courses.ground.fields, points.triangle, points.uv)
-        length = self.courses.millimetre * self.courses.wishes.pace[self.row[line]]
+        wishes, row = self.courses.wishes, self.row[line]
+        pace = np.minimum(pace, self.courses.millimetre * wishes.string[row])
+        length = self.courses.millimetre * wishes.pace[row]
         parts = np.split(length / pace, start[1:-1])
         places = [_evenly(part, first) for part, first in zip(parts, self.first, strict=True)]
         of = np.repeat(np.arange(len(self)), [len(part) for part in places])

@@ -241,11 +241,15 @@ class PaintedFields(Fields):
     def creases(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far skin has creases: of the regions, not beyond the middle of their border. They
         are there from birth, and need no folds."""
-        share = self._regions.factor("creases", triangle, uv)
+        share = self.creased(triangle, uv)
         share -= _NO_CREASES
         share /= _CREASED - _NO_CREASES
         np.clip(share, 0.0, 1.0, out=share)
         return share
+
+    def creased(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin is of a region with creases: of the regions."""
+        return self._regions.factor("creases", triangle, uv)
 
     def crumpled(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far skin folds without one direction: as the folds say, in the regions whose lines

@@ -62,9 +62,10 @@ _NARROW, _BROAD = 0.6, 1.25
 # How far other lines are fainter: beside a leader, and where skin folds one way; how far from a
 # leader, in pore spacings, the first ends.
 _BESIDE, _FOLDED, _REACH = 0.3, 0.5, 4.0
-# The same where skin has creases; and where it folds, but no one way, as above the corner of the
-# mouth: directions whirl there, and strong lines would be a winding ridge along the lip.
-_CREASED, _CRUMPLED = 0.7, 0.75
+# The same where skin has creases, and from which share of such a region on: well before these
+# begin, or its border would be a furrow; and where it folds, but no one way, as above the corner of
+# the mouth: directions whirl there, and strong lines would be a winding ridge along the lip.
+_CREASED, _RIM, _CRUMPLED = 0.8, 0.3, 0.75
 # How much less of the shortening than its family says a leader of weight 1 takes. It fades to the
 # ends as the depth does, for pressed skin would make cuts of them. What they take, others give:
 # strips.py.
@@ -95,9 +96,10 @@ class Ranks:
     row (E,) int32: where each edge stands in the arrays of K rows, the first of which is for all
     edges that are no part of a leader: 0, or infinite.
     weight (K,) float32: before factors of the skin.  most (K,) float32: the largest factor of the
-    skin: with it a leader is as deep as lines can be in its middle, and tapers from there as others
-    do.  width (K,) float32: half widths, in pore spacings.  profile (K,) float32: from 0 at both
-    ends of a leader to 1.  family (K,) int8: the number.
+    skin: with it a leader is as deep as lines can be in its middle, or a crease as deep as it is at
+    the usual distance of pores, and tapers from there as others do.  width (K,) float32: half
+    widths, in pore spacings.  profile (K,) float32: from 0 at both ends of a leader to 1.
+    family (K,) int8: the number.
     quiet (N,) float32: factor of the weight of other lines at each pore.  creased (N,) float32: one
     more, where skin has creases.
     calm (N,) float32: how far patches do not make other lines livelier, at each pore.
@@ -143,17 +145,19 @@ class Ranks:
         even = 1.0 - uneven[net.edges.nodes[along.edge]].mean(axis=1)
         at = net.edges.nodes[along.edge, 0]
         leads = leading_of(along.family, fields, *(values[at] for values in place))
-        middle, profile, width = _sizes(along, even, leads, rank, worn)
+        own = np.where(along.family == CREASES.number, leaders.usual, 1.0)
+        middle, profile, width = _sizes(along, even, leads, rank, worn, own)
+        most = np.minimum(own, 1.0) / middle
         quiet = (1.0 - _BESIDE * _nearness(net, leaders, _REACH * spacing)) * (
             1.0 - _FOLDED * leading
         )
         quiet *= 1.0 - _CRUMPLED * fields.crumpled(*place)
         quiet *= _of_others(worn, uneven) ** (worn * leading)
-        creased = 1.0 - _CREASED * CREASES.leading(fields, *place)
+        creased = 1.0 - _CREASED * np.minimum(fields.creased(*place) / _RIM, 1.0)
         of_pores = np.ones(len(net.pores), np.float32)
         of_pores[net.first] = _BEADS ** min(rank, 1.0)
         return cls(
-            row, _beside_none(0.0, middle * profile), _beside_none(np.inf, 1.0 / middle),
+            row, _beside_none(0.0, middle * profile), _beside_none(np.inf, most),
             _beside_none(0.0, width), _beside_none(0.0, np.minimum(profile, 1.0)),
             np.append(0, along.family).astype(np.int8), (quiet**rank).astype(np.float32),
             (creased**rank).astype(np.float32), calm_of(leading, rank), of_pores, uneven, rank,
@@ -245,12 +249,14 @@ def _sizes(
     leading: NDArray[np.floating],
     rank: float,
     worn: float,
+    own: NDArray[np.floating],
 ) -> tuple[NDArray[np.floating], NDArray[np.floating], NDArray[np.floating]]:
     """(L,) weights of leaders in their middle, profiles and half widths in pore spacings, at an
     age.
 
     even (L,): how far lines there are like those beside them.  leading (L,): how far skin has
-    leaders of that family.
+    leaders of that family.  own (L,): the distance of pores that sizes are meant for, of what it
+    is.
     """
     # Those that expressions leave behind; lips have creases at any age.
     aged = np.where(along.family == CREASES.number, 0.0, worn)
@@ -260,11 +266,11 @@ def _sizes(
     deepest = _DEEPEST * (old if worn > 0.0 else young) ** aged
     comes = np.where(pair | fan | (along.family == RINGS.number), 0.0, aged)
     shown = np.maximum(along.profile, _TINY)
-    middle = deepest.astype(np.float32) * min(rank, 1.0) * along.depth / shown
+    middle = deepest.astype(np.float32) * min(rank, 1.0) * along.depth * own / shown
     risen, profile = _older(along.depth / shown, along.profile, leading, comes)
     broad = min(rank, 1.0) * (_NARROW + (_BROAD - _NARROW) * along.size)
     broader = np.where(pair, 0.0, np.maximum(aged * even, 0.0))
-    return np.clip(middle * risen, _TINY, 1.0), profile, WIDE * broad * _OLD_BROAD**broader
+    return np.clip(middle * risen, _TINY, 1.0), profile, WIDE * broad * own * _OLD_BROAD**broader
 
 
 def _older(
