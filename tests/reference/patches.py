@@ -1,5 +1,5 @@
 """Factors of relief from patch to patch, of mean 1: a share everywhere, the rest log-normal by a
-periodic table of noise."""
+quadratic spline of a periodic table of noise."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ def factor(
 ) -> Array:  # fmt: skip
     """(P,) at places (P, 3), mesh units.
 
-    cell: of the table, mesh units.  table: (n + 1,)³, the last nodes the first again.  rows:
-    (3, 4), how it lies in space.  amount: (P,) patchiness; deviation of logarithms where that is 1,
-    and the most.  least: the share."""
-    own = np.asarray(table, np.float64)[:-1, :-1, :-1]
+    cell: of the table, mesh units.  table: (n + 2,)³, of which the first and the last nodes are
+    others again.  rows: (3, 4), how it lies in space.  amount: (P,) patchiness;
+    deviation of logarithms where that is 1, and the most.  least: the share."""
+    own = np.asarray(table, np.float64)[1:-1, 1:-1, 1:-1]
     at = places / cell @ np.asarray(rows)[:, :3].T + np.asarray(rows)[:, 3]
-    noise = map_coordinates(own, at.T, order=1, mode="grid-wrap")
+    noise = map_coordinates(own, at.T, order=2, mode="grid-wrap", prefilter=False)
     spread = np.minimum(deviation * amount, most)
     found: Array = least + (1 - least) * np.exp(spread * noise - spread**2 / 2)
     return found

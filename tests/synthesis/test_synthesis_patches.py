@@ -43,7 +43,12 @@ def patches(unit: str | None = "mm", seed: int = 1, side: float = SIDE) -> Patch
 
 def points(steps: int = 240) -> tuple[NDArray[np.int64], Floats]:
     """Triangles and uv of a grid of points, which is off the edges of triangles."""
-    n, uv = 24, (np.indices((steps, steps)).reshape(2, -1).T[:, ::-1] + 0.37) / steps
+    return located((np.indices((steps, steps)).reshape(2, -1).T[:, ::-1] + 0.37) / steps)
+
+
+def located(uv: Floats) -> tuple[NDArray[np.int64], Floats]:
+    """Triangles and uv of points, shares (N, 2) of the sides of a sheet."""
+    n = 24
     cell = (uv * n).astype(int)
     upper = (uv * n - cell)[:, 1] > (uv * n - cell)[:, 0]
     return 2 * (cell[:, 1] * n + cell[:, 0]) + upper, 0.1 + 0.8 * uv
@@ -99,6 +104,23 @@ def test_the_liveliest_patch_of_a_forehead_has_no_pits() -> None:
     forehead = REGIONS["forehead"].patchiness
     most = [patches().bounds(name, forehead)[1] for name in ("beside_lines", "pores")]
     assert 1.5 < most[0] * most[1] < 2.0
+
+
+def curvature(step: float) -> float:
+    """Root mean square of second differences over steps of so many millimetres, over their square,
+    along three lines across a sheet."""
+    u, found = np.arange(0.02, 0.98, step / SIDE), []
+    for v in (0.23, 0.52, 0.81):
+        triangle, uv = located(np.column_stack([u, np.full(len(u), v) + 0.1 * u]))
+        turn = patches().turn(ones(len(u)), triangle, uv).astype(np.float64)
+        found.append(np.diff(turn, 2) / step**2)
+    return float(np.sqrt(np.mean(np.square(found))))
+
+
+def test_fields_have_no_kinks() -> None:
+    """Of a kink second differences grow as steps get shorter; linear between the nodes of a table
+    fields had one at the side of every cell, where patches ended along straight lines."""
+    assert curvature(0.125) < 1.4 * curvature(0.5)
 
 
 @pytest.mark.parametrize(("unit", "side"), [("mm", SIDE), ("cm", SIDE / 10), (None, SIDE)])

@@ -1,5 +1,9 @@
 """The noise that patches of skin follow: one periodic table of band-limited noise, laid through
-space at an angle and an offset of its own for each property and seed."""
+space at an angle and an offset of its own for each property and seed.
+
+Between the nodes of the table it is their quadratic spline, which has no kinks: linear between them
+patches ended along the sides of its cells.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +29,7 @@ LEAST, DEVIATION, MOST_DEVIATION = 0.25, 0.4, 1.1
 STRENGTH_SALT, GRAIN_SALT = 11, 14
 # Cells along a side of the table, a power of two, and in the longest wave. Values are cut off
 # softly at so many deviations.
-CELLS, CELLS_OF_WAVE, _BOUND = 64, 16.0, 1.6
+CELLS, CELLS_OF_WAVE, _BOUND = 64, 16.0, 1.5
 
 
 def cell_size(settings: AssetSettings, wave: float | None = None) -> float:
@@ -42,30 +46,38 @@ def cell_size(settings: AssetSettings, wave: float | None = None) -> float:
 
 @cache
 def table() -> NDArray[np.float32]:
-    """(CELLS + 1,)³ values at the nodes of the cells, x, y, z; the last nodes are the first again.
-    Linear between nodes they have mean 0 and deviation 1."""
+    """(CELLS + 2,)³ coefficients of the spline at the nodes of the cells, x, y, z; before the first
+    node is the last again, and after the last the first. The spline has mean 0 and deviation 1."""
     wave, half = np.fft.fftfreq(CELLS, 1.0 / CELLS), np.arange(CELLS // 2 + 1.0)
     length = np.sqrt(wave[:, None, None] ** 2 + wave[:, None] ** 2 + half**2)
     longest = CELLS / CELLS_OF_WAVE
     inside = (length >= longest) & (length <= longest / _SHORTEST)
     share = np.where(inside, np.maximum(length, 1.0) ** -2.0, 0.0)
+    share /= _left(wave)[:, None, None] * _left(wave)[:, None] * _left(half)
     white = np.random.Generator(np.random.PCG64(0)).standard_normal((CELLS,) * 3)
     noise = np.fft.irfftn(np.fft.rfftn(white) * share, s=white.shape, axes=(0, 1, 2))
     noise = np.tanh(noise / (_BOUND * noise.std()))
     noise -= noise.mean()
     noise /= np.sqrt(_mean_square(noise))
-    found = np.pad(noise, ((0, 1),) * 3, mode="wrap").astype(np.float32)
+    found = np.pad(noise, ((1, 1),) * 3, mode="wrap").astype(np.float32)
     found.setflags(write=False)
     return found
 
 
+def _left(wave: NDArray[np.floating]) -> Floats:
+    """(N,) what the spline leaves, at the nodes, of waves of its coefficients, so many along a side
+    of the table."""
+    left = (3.0 + np.cos(2.0 * np.pi * wave / CELLS)) / 4.0
+    return left.astype(np.float64)
+
+
 def _mean_square(noise: Floats) -> float:
-    """Of periodic values that are linear between nodes. Of a pair (a, b) it is (a² + ab + b²)/3:
-    the mean of the values times themselves blurred by 1/6, 2/3, 1/6."""
+    """Of the spline of periodic coefficients: the mean of these times themselves blurred by the
+    products of its pieces, (1, 26, 66, 26, 1)/120."""
     blurred = noise
     for axis in range(3):
-        beside = np.roll(blurred, 1, axis) + np.roll(blurred, -1, axis)
-        blurred = (4.0 * blurred + beside) / 6.0
+        beside, beyond = (np.roll(blurred, n, axis) + np.roll(blurred, -n, axis) for n in (1, 2))
+        blurred = (66.0 * blurred + 26.0 * beside + beyond) / 120.0
     return float((noise * blurred).mean())
 
 

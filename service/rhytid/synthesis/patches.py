@@ -44,9 +44,9 @@ _FIELDS = {
 _KEEPS = {"strength": 0.8}
 # Points at a time: what is computed on the way stays in the cache.
 _ROWS = 8192
-_ROW = CELLS + 1
-# Of the corners of a cell in the table: z before y before x.
-_CORNERS = tuple(x * _ROW * _ROW + y * _ROW + z for z in (0, 1) for y in (0, 1) for x in (0, 1))
+_ROW = CELLS + 2
+# From node to node of the table, along each of its sides.
+_STEPS = _ROW * _ROW, _ROW, 1
 
 
 class Patches:
@@ -158,27 +158,35 @@ def _with_least(name: str, factor: Factors) -> Factors:
 
 
 def _interpolated(x: Factors, y: Factors, z: Factors) -> Factors:
-    """(N,) values of the table at places in cells, which it overwrites, linear between its
-    nodes."""
-    values, cell, shares = table().ravel(), np.zeros(len(x), np.int64), []
+    """(N,) values at places in cells, which it overwrites: of the quadratic spline of the table."""
+    cell, shares = np.zeros(len(x), np.int64), []
     for at in (x, y, z):
-        low = np.floor(at)
-        at -= low
-        shares.append(at)
+        nearest = np.floor(at + np.float32(0.5))
+        at -= nearest
+        shares.append(_shares(at))
         cell *= _ROW
-        cell += low.astype(np.int64) & (CELLS - 1)
-    between = [values.take(cell + corner) for corner in _CORNERS]
-    for share in shares:
-        between = [_mix(a, b, share) for a, b in zip(between[::2], between[1::2], strict=True)]
-    return between[0]
+        cell += nearest.astype(np.int64) & (CELLS - 1)
+    values = table().ravel()
+
+    def along(axis: int, first: int) -> Factors:
+        """Sums over the three nodes along an axis, and along those after it."""
+        total = np.zeros(len(cell), np.float32)
+        for share in shares[axis]:
+            last = axis == len(shares) - 1
+            value = values.take(cell + first, mode="clip") if last else along(axis + 1, first)
+            value *= share
+            total += value
+            first += _STEPS[axis]
+        return total
+
+    return along(0, 0)
 
 
-def _mix(one: Factors, two: Factors, share: Factors) -> Factors:
-    """From one to two by a share, in place of two."""
-    two -= one
-    two *= share
-    two += one
-    return two
+def _shares(at: Factors) -> tuple[Factors, Factors, Factors]:
+    """(N,) each, of the node before, of the nearest and of that after it, of places `at` beyond the
+    nearest, in cells."""
+    before, after = (np.float32(0.5) * (np.float32(0.5) + s * at) ** 2 for s in (-1, 1))
+    return before, np.float32(1.0) - before - after, after
 
 
 def _planes(surface: Surface, cell: float) -> FloatArray:
