@@ -154,10 +154,10 @@ REGIONS: dict[str, Region] = {
         scale=0.75,
         pore_radius=0.2,
         grain=0.7,
-        undulation=1.2,
+        undulation=2.4,
         leading=0.2,
         creases=1.0,
-        patchiness=0.6,
+        patchiness=1.2,
         old=Old(strength=1.3, anisotropy=1.0, contrast=1.15, grain=1.4),
     ),
     # Thin skin: fine lines that fan out from the corner, beside the eye nearly level; small pores.

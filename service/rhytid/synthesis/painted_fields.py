@@ -37,6 +37,8 @@ _SLACK = 1.0 + 1e-5
 _FACTORS = ("density", "strength", "anisotropy", "scale", "pore_radius")
 # Shares of a region with creases at which these begin, and are as deep as anywhere.
 _NO_CREASES, _CREASED = np.float32(0.35), np.float32(0.85)
+# What is left of swells and of patchiness where skin has creases.
+_BLOTCHES = np.float32(0.5)
 # The most that patches make of the height of events: higher bumps would be pebbles.
 _HIGHEST = np.float32(1.4)
 
@@ -334,8 +336,10 @@ class PaintedFields(Fields):
         return self._regions.factor("grain", triangle, uv)
 
     def undulation(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """Factor of the broad swells: of the regions. No map changes it."""
-        return self._regions.factor("undulation", triangle, uv)
+        """Factor of the broad swells: of the regions, less where skin has creases. No map changes
+        it."""
+        factor = self._regions.factor("undulation", triangle, uv)
+        return self._between_creases(factor, triangle, uv)
 
     def of_regions(
         self, values: Mapping[str, float], triangle: NDArray[Any], uv: NDArray[Any]
@@ -368,12 +372,22 @@ class PaintedFields(Fields):
         return found
 
     def patchiness(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """How far skin varies from patch to patch: of the regions, times that of the settings."""
+        """How far skin varies from patch to patch: of the regions, less where skin has creases,
+        times that of the settings."""
         if self._patches is None:
             return super().patchiness(triangle, uv)
         found = self._regions.factor("patchiness", triangle, uv)
         found *= np.float32(self._settings.patches)
-        return found
+        return self._between_creases(found, triangle, uv)
+
+    def _between_creases(
+        self, factor: Factors, triangle: NDArray[Any], uv: NDArray[Any]
+    ) -> Factors:
+        """A factor (N,), in place less where skin has creases: more would make blotches of them."""
+        if self._settings.rank > 0.0:
+            power = np.float32(min(self._settings.rank, 1.0)) * self.creased(triangle, uv)
+            factor *= _BLOTCHES**power
+        return factor
 
     def _linear(
         self, name: str, triangle: NDArray[Any], uv: NDArray[Any], *, folded: bool = True
