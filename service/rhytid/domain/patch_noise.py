@@ -29,7 +29,7 @@ LEAST, DEVIATION, MOST_DEVIATION = 0.25, 0.4, 1.1
 STRENGTH_SALT, GRAIN_SALT = 11, 14
 # Cells along a side of the table, a power of two, and in the longest wave. Values are cut off
 # softly at so many deviations.
-CELLS, CELLS_OF_WAVE, _BOUND = 64, 16.0, 1.55
+CELLS, CELLS_OF_WAVE, _BOUND = 64, 16.0, 1.4
 
 
 def cell_size(settings: AssetSettings, wave: float | None = None) -> float:

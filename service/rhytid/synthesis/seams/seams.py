@@ -195,9 +195,11 @@ def _least(
 def _apart(
     element: IntArray, tables: list[tuple[FloatArray, ...]], mask: BoolArray, count: int
 ) -> FloatArray:
-    """(E,) root of the sum of squares of how much both sides differ."""
+    """(E,) root of the sum of squares of how much both sides differ: the mean of straight and bent,
+    so that other elements, which may bend, change nothing."""
     square = np.zeros(len(element))
     for here, there in tables:
         square += (here[:, mask].max(axis=1) - there[:, mask].max(axis=1)) ** 2
+    square *= len(_SIZES) / len(tables)
     apart: FloatArray = np.sqrt(np.bincount(element, square, count))
     return apart
