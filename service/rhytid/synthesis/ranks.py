@@ -145,7 +145,8 @@ class Ranks:
         even = 1.0 - uneven[net.edges.nodes[along.edge]].mean(axis=1)
         at = net.edges.nodes[along.edge, 0]
         leads = leading_of(along.family, fields, *(values[at] for values in place))
-        own = np.where(along.family == CREASES.number, leaders.usual, 1.0)
+        usual, one = np.float32(leaders.usual), np.float32(1.0)
+        own = np.where(along.family == CREASES.number, usual, one)
         middle, profile, width = _sizes(along, even, leads, rank, worn, own)
         most = np.minimum(own, 1.0) / middle
         quiet = (1.0 - _BESIDE * _nearness(net, leaders, _REACH * spacing)) * (
@@ -306,19 +307,56 @@ def calm_of(leading: Singles, rank: float) -> Singles:
 
 
 def _edges_along(net: CandidateGraph, leaders: LeaderPores) -> _Along:
-    """The edges between pores that follow one another on a leader."""
+    """The edges between pores that follow one another on a leader; where the net has none between
+    two of them, those over the pore beside."""
     follows = np.flatnonzero(leaders.line[1:] == leaders.line[:-1])
     ends = np.sort(np.stack([net.first[follows], net.first[follows + 1]], axis=1), axis=1)
-    count = np.int64(len(net.pores))
-    keys = net.edges.nodes[:, 0] * count + net.edges.nodes[:, 1]
-    wanted = ends[:, 0] * count + ends[:, 1]
-    at = np.minimum(np.searchsorted(keys, wanted), max(len(keys) - 1, 0))
-    found = keys[at] == wanted if len(keys) else np.zeros(len(wanted), np.bool_)
+    at = _edges_between(net, ends)
+    missing = np.flatnonzero(at < 0)
+    # A gap would show as two blunt ends.
+    beside, of = _ways_round(net, ends[missing])
+    found = np.flatnonzero(at >= 0)
+    edge, first = np.unique(np.concatenate([at[found], beside]), return_index=True)
+    follows = follows[np.concatenate([found, missing[of]])[first]]
     depth, width, profile = (
-        np.float32(0.5) * (values[follows] + values[follows + 1])[found]
+        np.float32(0.5) * (values[follows] + values[follows + 1])
         for values in (leaders.depth, leaders.width, leaders.profile)
     )
-    return _Along(at[found], depth, width, profile, leaders.family[follows][found])
+    return _Along(edge, depth, width, profile, leaders.family[follows])
+
+
+def _edges_between(net: CandidateGraph, ends: NDArray[np.integer]) -> NDArray[np.intp]:
+    """(P,) which edge joins each pair of pores (P, 2), the lower first; -1 where none does."""
+    count = np.int64(len(net.pores))
+    keys = net.edges.nodes[:, 0] * count + net.edges.nodes[:, 1]
+    if not len(keys):
+        return np.full(len(ends), -1)
+    wanted = ends[:, 0] * count + ends[:, 1]
+    at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return np.where(keys[at] == wanted, at, -1)
+
+
+def _ways_round(
+    net: CandidateGraph, ends: NDArray[np.integer]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(Q,) edges, two for each pair of pores (P, 2) that have a neighbour in common, over that by
+    which the way is shortest; and (Q,) the pair."""
+    asked = np.zeros(len(net.pores), np.bool_)
+    asked[ends] = True
+    near = np.flatnonzero(asked[net.edges.nodes].any(axis=1))
+    around: dict[int, dict[int, int]] = {}
+    for edge, (one, two) in zip(near.tolist(), net.edges.nodes[near].tolist(), strict=True):
+        around.setdefault(one, {})[two] = edge
+        around.setdefault(two, {})[one] = edge
+    place, edges, of = net.pores.position, [], []
+    for pair, (one, two) in enumerate(ends.tolist()):
+        over = np.array(sorted(around.get(one, {}).keys() & around.get(two, {}).keys()), np.int64)
+        if len(over):
+            legs = (np.linalg.norm(place[over] - place[end], axis=1) for end in (one, two))
+            middle = int(over[np.argmin(sum(legs))])
+            edges += [around[one][middle], around[two][middle]]
+            of += [pair, pair]
+    return np.array(edges, np.intp), np.array(of, np.intp)
 
 
 def _beside_none(none: float, values: NDArray[np.floating]) -> Singles:
