@@ -117,7 +117,8 @@ def test_copies_are_as_rough_as_their_originals(device: Device) -> None:
     copies, lip = np.flatnonzero(~graph.own_nodes), REGIONS["lip"]
     assert len(copies) > 20
     plain = synthesize(folded(), sheets.wanted(1000), device).graph
-    for name, of_lip in (("node_grain", lip.grain), ("node_undulation", lip.undulation)):
+    # Between creases swells are half as high.
+    for name, of_lip in (("node_grain", lip.grain), ("node_undulation", 0.5 * lip.undulation)):
         rough = getattr(graph, name)
         np.testing.assert_array_equal(rough[copies], rough[graph.node_copy_of[copies]])
         assert sorted([rough.min(), rough.max()]) == pytest.approx(sorted([of_lip, 1.0]))
