@@ -161,6 +161,24 @@ def test_a_frame_passes_over_marked_vectors(device):
     np.testing.assert_array_equal(after, before)
 
 
+def test_samples_of_several_tiles_are_those_of_each_alone(device):
+    made, stored = scene(device), owners(scene(device))
+    vector = int(np.flatnonzero(~clear_samples(made))[0])
+    stored[vector, 0] = ~stored[vector, 0]
+    one = made.tile.cushion
+    marked = replace(one, owners=device.upload(stored))
+    lines = made.lines(made.stretch(deform(made.mesh.positions, 5, 0.15)))
+    blend, samples = CushionBlend(device, made.settings, ShareRange.of(made.graph)), one.side**2
+    alone = [
+        device.read(blend.tiles([tile], lines), (samples,), np.float32) for tile in (one, marked)
+    ]
+    several = [one, marked, one, marked, marked]
+    got = device.read(blend.tiles(several, lines), (len(several), one.values), np.float32)
+    assert (alone[0] != alone[1]).any()
+    for tile, values in zip(several, got, strict=True):
+        np.testing.assert_array_equal(values[:samples], alone[int(tile is marked)])
+
+
 def test_a_frame_passes_over_marked_samples(device):
     made, stored = scene(device), owners(scene(device))
     vector = int(np.flatnonzero(~clear_samples(made))[0])

@@ -62,7 +62,7 @@ inline void blend_samples(__global const int *owners, __global const CODE *codes
 }
 
 // Up to sixteen tiles of as many samples at once: work-item (vector, tile). out: of all, one after the
-// other, with `more` values behind each.
+// other, `values` each.
 #define TILE(k) __global const int *owners##k, __global const CODE *codes##k
 #define BLEND(k)                                                                                   \
     case k:                                                                                        \
@@ -73,9 +73,9 @@ inline void blend_samples(__global const int *owners, __global const CODE *codes
 __kernel __attribute__((vec_type_hint(float16))) void
 blend_cushions(TILE(0), TILE(1), TILE(2), TILE(3), TILE(4), TILE(5), TILE(6), TILE(7), TILE(8), TILE(9),
                TILE(10), TILE(11), TILE(12), TILE(13), TILE(14), TILE(15), __global const float2 *stretches,
-               __global const float *steps, float last, float exponent, int more, __global float *out)
+               __global const float *steps, float last, float exponent, int values, __global float *out)
 {
-    out += get_global_id(1) * (get_global_size(0) * WIDTH + more);
+    out += get_global_id(1) * values;
     switch (get_global_id(1)) {
         BLEND(0)
         BLEND(1)

@@ -30,7 +30,7 @@ from rhytid.pipeline.bins import (
     parts,
     quantisation_steps,
 )
-from rhytid.pipeline.cushion import MORE, SAMPLES, CushionTile, cushion_steps, last_stretch
+from rhytid.pipeline.cushion import SAMPLES, CushionTile, cushion_steps, last_stretch
 from rhytid.pipeline.cushion_layer import APRON
 from rhytid.pipeline.grain import grain_amplitude, grain_exponent, relief
 from rhytid.pipeline.locate import UdimTriangles
@@ -285,7 +285,7 @@ class Blend:
         coarse = self._cushion.tiles(found, lines)
         texels = int(tiles[0].place[0])
         defines = {"RAISED": 1, "COARSER": texels // (found[0].side - 2 * APRON)}
-        yield _Raised(coarse, found[0].side ** 2 + MORE, defines)
+        yield _Raised(coarse, found[0].values, defines)
         coarse.release()
 
     @property
@@ -331,19 +331,19 @@ class CushionBlend:
 
     def tiles(self, tiles: Sequence[CushionTile], lines: Buffer) -> Buffer:
         """float32 displacement of the samples of tiles, RAISED_A_LAUNCH at most with equally many
-        samples, on the device, one tile after the other with MORE values behind those of each. One
+        samples, on the device, one tile after the other with `CushionTile.values` each. One
         buffer, as each costs the host some microseconds in every launch.
 
         lines: `ends` of LineStretches.
         """
-        vectors = tiles[0].side ** 2 // VECTOR
-        made = self._device.empty(len(tiles) * (VECTOR * vectors + MORE), np.float32)
+        vectors, values = tiles[0].side ** 2 // VECTOR, tiles[0].values
+        made = self._device.empty(len(tiles) * values, np.float32)
         of_each = [(maps.owners, maps.codes) for maps in tiles]
         of_each += [of_each[0]] * (RAISED_A_LAUNCH - len(tiles))  # which no work-item looks at
         self._device.launch(
             "blend_cushions", "blend_cushions", (vectors, len(tiles)),
             *chain.from_iterable(of_each), lines, self._steps, self._last, self._exponent,
-            np.int32(MORE), made,
+            np.int32(values), made,
             group=_group(self._device.shape.vectors, vectors),
             defines=self._defines,
         )  # fmt: skip

@@ -40,7 +40,7 @@ from rhytid.pipeline.work import BLOCK, Square, timed
 # Texels a side of what a work-group draws.
 _BLOCK = COARSE_BLOCK + 2 * APRON
 # Values beyond a coarse map that its buffer has: spline.clh reads a vector at once.
-MORE = VECTOR
+_MORE = VECTOR
 # How the layers of its maps are called: heights at every sample, the owner of each sample, and
 # where along that it is.
 CUSHIONS, OWNERS, PLACES = "cushions", "cushion_owners", "cushion_places"
@@ -59,17 +59,22 @@ def coarse_side(side: int, factor: int) -> int:
     return side // factor + 2 * APRON
 
 
+def _values(side: int) -> int:
+    """Numbers that a coarse map takes: its samples, and _MORE behind them."""
+    return side**2 + _MORE
+
+
 def draw_cushion(
     device: Device, elements: UdimElements, settings: AssetSettings, scales: Buffer,
     square: tuple[int, int, int],
 ) -> Buffer:  # fmt: skip
     """Draw the broad layer around a square (row, column, texels per side) of level 0, all multiples
-    of BLOCK. Returns coarse_side² samples in mesh units, with MORE values behind them.
+    of BLOCK. Returns coarse_side² samples in mesh units, with _MORE values behind them.
 
     scales: (σ_w, σ_d) of wrinkles.
     """
     side = coarse_side(square[2], _factor(elements))
-    out = device.empty(side * side + MORE, np.float32)
+    out = device.empty(_values(side), np.float32)
     launch_cushion(device, "cushion", elements, settings, square, scales, into=(out,))
     return out
 
@@ -193,6 +198,11 @@ class CushionTile(BufferGroup):
     side: int
     owners: Buffer
     codes: Buffer
+
+    @property
+    def values(self) -> int:
+        """Numbers that its heights take, where they are side by side with those of others."""
+        return _values(self.side)
 
     def read(self, device: Device, index: int, bits: int) -> NDArray[np.integer]:
         """(side, side) codes of one map."""
