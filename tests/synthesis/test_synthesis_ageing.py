@@ -17,8 +17,9 @@ from rhytid.domain.skin import REGIONS, aged, depth_factor, fold_factor_log, wea
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.generate import Synthesis, synthesize
+from rhytid.synthesis.leader_families import CREASES, CROSSING, FAMILIES, FANS, RINGS
 from rhytid.synthesis.painted_fields import PaintedFields, fields_of
-from rhytid.synthesis.ranks import _older
+from rhytid.synthesis.ranks import _left_to, _older
 from rhytid.synthesis.surface import Surface
 from synthesis import sheets
 from synthesis.painted import painted, right
@@ -210,3 +211,34 @@ def test_leaders_are_no_older_up_to_35() -> None:
         np.testing.assert_array_equal(deeper, np.ones(97))
         np.testing.assert_array_equal(found, profile)
     assert (_older(share, profile, leading, np.ones(97))[0] > 1.2).any()
+
+
+def test_old_leaders_take_little_of_the_shortening(device: Device) -> None:
+    """They are deep at rest: pressed as hard as at 35 they would be cuts with sides of 60
+    degrees."""
+
+    def taken(age: float) -> float:
+        share = grown(device, age).graph.edge_share
+        assert share is not None
+        return float((share[share > 1.0] - 1.0).mean())
+
+    young, middle, old = taken(35.0), taken(50.0), taken(65.0)
+    assert 0.02 * young < old < 0.12 * young
+    assert 0.2 * young < middle < 0.4 * young
+
+
+def test_what_leaders_take_hangs_on_their_family_and_on_age_above_35() -> None:
+    """Up to 35 all of it is left, to the bit; at any age to those that never were cuts."""
+    families = np.arange(len(FAMILIES), dtype=np.int8)
+    for worn in (-1.0, -0.5, 0.0):
+        np.testing.assert_array_equal(_left_to(families, worn), np.ones(len(FAMILIES), np.float32))
+    found, soft = _left_to(families, 1.0), [f.number for f in (CREASES, CROSSING, FANS, RINGS)]
+    np.testing.assert_array_equal(found[soft], np.ones(len(soft), np.float32))
+    np.testing.assert_allclose(np.delete(found, soft), 0.1, rtol=1e-6)
+
+
+def test_ends_of_old_leaders_stay_faint() -> None:
+    """Where skin of 35 has a tenth or a fifth of the depth, that of 65 has little more."""
+    share, whole = np.array([0.1, 0.2, 1.0]), np.ones(3)
+    _, found = _older(whole, share, whole, whole)
+    assert (found <= [0.15, 0.27, 1.0]).all()

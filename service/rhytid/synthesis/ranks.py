@@ -23,6 +23,7 @@ from rhytid.synthesis.leader_families import (
     CREASES,
     FAMILIES,
     FANS,
+    PREFERRED,
     RINGS,
     leading_any_way,
     leading_of,
@@ -56,8 +57,8 @@ _OLD_NARROW = 0.7
 _OLD_FAN, _YOUNG_FAN = 1.6, 8.0
 _OLD_OTHERS, _OLD_UNEVEN, _YOUNG_OTHERS = 0.65, 0.3, 0.75
 # Powers of the size and of the profile of leaders at 65: small ones come up to the large ones, so
-# that more are seen, and they are deep for more of their length.
-_OLD_SIZE, _OLD_PROFILE = 0.5, 0.65
+# that more are seen, and they are deep for a little more of their length. More was slits.
+_OLD_SIZE, _OLD_PROFILE = 0.5, 0.85
 _NARROW, _BROAD = 0.6, 1.25
 # How far other lines are fainter: beside a leader, and where skin folds one way; how far from a
 # leader, in pore spacings, the first ends.
@@ -70,10 +71,15 @@ _CREASED, _RIM, _CRUMPLED = 0.8, 0.3, 0.75
 # ends as the depth does, for pressed skin would make cuts of them. What they take, others give:
 # strips.py.
 _DEEP_TAKES = 0.6
+# What is left of that at 65, where they follow the preferred directions or are the pair of a frown:
+# they are deep at rest, and pressed as hard as at 35 they were cuts, as deep as lines can be from
+# end to end, with sides of 60 degrees. Level ones of the forehead are long and never so steep.
+_OLD_TAKES = 0.1
 # By the numbers of families, what leaders take more than by themselves, and how far from.
 _TAKES_MORE = np.array([family.takes - 1.0 for family in FAMILIES], np.float32)
 _STRIPS = np.array([family.strip for family in FAMILIES])
 _PAIR = [family.number for family in FAMILIES if family.single]
+_STEEP = [PREFERRED.number, *_PAIR]
 _TINY = np.float32(1e-6)
 # Pores on a leader would be beads on a string: of their depth is left.
 _BEADS = 0.6
@@ -207,7 +213,7 @@ class Ranks:
         lead = np.flatnonzero(self.leads[strips.edge])
         row, ends = self.row[strips.edge[lead]], strips.pores
         takes = (_TAKES_MORE[self.family[row]] - _DEEP_TAKES * strips.weight[lead]) * self.rank
-        takes *= self.profile[row]
+        takes *= self.profile[row] * _left_to(self.family[row], self.worn_by_age)
         taken, given = strips.given(lead, takes, _STRIPS[self.family[row]])
         share = np.empty(len(ends), np.float32)
 
@@ -288,6 +294,14 @@ def _older(
     there = np.sqrt(np.clip(leading, _TINY, 1.0))
     risen = (there / np.maximum(middle, _TINY)) ** less
     return risen, profile ** (1.0 - (1.0 - _OLD_PROFILE) * worn)
+
+
+def _left_to(family: NDArray[np.int8], worn: float) -> Singles:
+    """(L,) what is left by age of what leaders of families by numbers (L,) take; exactly 1 up to
+    35."""
+    old = np.isin(family, _STEEP) * np.float32(min(max(worn, 0.0), 1.0))
+    found: Singles = np.float32(_OLD_TAKES) ** old
+    return found
 
 
 def _of_others(worn: float, uneven: Singles) -> Singles | float:
