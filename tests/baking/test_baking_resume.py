@@ -160,7 +160,7 @@ def test_files_that_will_be_replaced_are_told_before_one_is(
     told = capsys.readouterr().err
     first = tmp_path / "face.1001.0001.exr"
     assert f"warning: files-replaced: the bake: {first} is not what is asked for" in told
-    assert told.count("it is replaced, and so are others like it") == 1
+    assert told.count("a bake replaces it and others like it") == 1
     assert {name: (tmp_path / name).read_bytes() for name in maps(tmp_path)} == before
     engine.failing_after = None
     strict = baker(engine, tmp_path, [0.5, 0.25], method="binned")

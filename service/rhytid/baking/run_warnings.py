@@ -96,7 +96,7 @@ class RunWarnings:
         """Warn of the first file of a bake that will be replaced. Raises StrictError."""
         detail = (
             f"{file} is not what is asked for: it was baked by another method, with other settings "
-            "or frames, or changed since; it is replaced, and so are others like it"
+            "or frames, or changed since; a bake replaces it and others like it"
         )
         self.add([InputWarning(FILES_REPLACED, detail, "the bake")])
         self.refuse()
