@@ -11,10 +11,15 @@ import numpy as np
 import pytest
 
 from meshes import bumpy_grid
-from rhytid.baking.farm.bake_session import SharedFile, WorkerJob, mesh_digest
+from rhytid.baking.farm.bake_session import (
+    SharedFile,
+    UnprintedWarnings,
+    WorkerJob,
+    mesh_digest,
+)
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import MapQuery
-from rhytid.errors import InputError
+from rhytid.errors import InputError, StrictError
 from rhytid.exports.textures import Shine
 from rhytid.formats.frame_set import Clip
 from rhytid.support.build_identity import drawing_version
@@ -89,3 +94,8 @@ def test_a_worker_that_draws_otherwise_refuses_the_job(tmp_path: Path) -> None:
     other = replace(here, drawing=f"{here.drawing[:-1]}~")
     with pytest.raises(InputError, match=f"{re.escape(other.drawing)}: install the same rhytid"):
         other.check()
+
+
+def test_errors_of_a_worker_do_not_say_that_nothing_was_done(tmp_path: Path) -> None:
+    with pytest.raises(StrictError, match="1 warning, and files of other frames may be written"):
+        UnprintedWarnings("bake", True).replaces(tmp_path / "face.1001.0003.exr")
