@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +24,8 @@ from synthesis.painted import painted
 MESH, COUNT = sheets.sheet(), 15_000
 # The lip is a band as wide as the sheet: shares of its height at which it is white.
 LOW, HIGH = 0.42, 0.58
+# Pores are half a millimetre apart where nothing is painted: the sheet is some 40 mm high.
+MILLIMETRE = 0.8 / 40
 
 
 @cache
@@ -40,17 +44,36 @@ def folds() -> Folds:
     return Folds(tensor, ENOUGH)
 
 
-def grown(device: Device, age: float, anatomy: str = "fine") -> WrinkleGraph:
-    settings = GraphSettings(wrinkles=COUNT, patches=0.0, events=0.0, age=age, anatomy=anatomy)
-    return synthesize(MESH, settings, device, controls=lip_and_mouth(), folds=folds()).graph
+def fanned() -> Folds:
+    """The same with a fan: lines that run down and outwards beside the lower lip, on the left."""
+    x, y, _ = MESH.positions.T
+    there = (x < 0.3) & (y < LOW) & (y > LOW - 0.25)
+    fans = np.zeros((len(x), 6), np.float32)
+    fans[there, 0] = 0.2**2
+    return replace(folds(), fans=fans)
+
+
+def grown(
+    device: Device, age: float, anatomy: str = "fine", rank: float = 1.0, found: Folds | None = None
+) -> WrinkleGraph:
+    settings = GraphSettings(
+        wrinkles=COUNT, patches=0.0, events=0.0, age=age, anatomy=anatomy, rank=rank
+    )
+    found = folds() if found is None else found
+    return synthesize(MESH, settings, device, controls=lip_and_mouth(), folds=found).graph
 
 
 def without(
-    device: Device, monkeypatch: pytest.MonkeyPatch, age: float, anatomy: str = "fine"
+    device: Device,
+    monkeypatch: pytest.MonkeyPatch,
+    age: float,
+    anatomy: str = "fine",
+    rank: float = 1.0,
+    found: Folds | None = None,
 ) -> WrinkleGraph:
     with monkeypatch.context() as patched:
         patched.setattr(perioral.PerioralLines, "of", lambda *_: None)
-        return grown(device, age, anatomy)
+        return grown(device, age, anatomy, rank, found)
 
 
 def deepened(one: WrinkleGraph, two: WrinkleGraph) -> NDArray[np.intp]:
@@ -59,13 +82,52 @@ def deepened(one: WrinkleGraph, two: WrinkleGraph) -> NDArray[np.intp]:
     return np.flatnonzero(one.edge_weight > two.edge_weight + 0.02)
 
 
-@pytest.mark.parametrize(("age", "anatomy"), [(20.0, "fine"), (35.0, "fine"), (65.0, COARSE)])
+@pytest.mark.parametrize(
+    ("age", "anatomy", "rank"),
+    [(20.0, "fine", 1.0), (35.0, "fine", 1.0), (65.0, COARSE, 1.0), (65.0, "fine", 0.0)],
+)
 def test_skin_without_them_is_what_it_was(
-    device: Device, monkeypatch: pytest.MonkeyPatch, age: float, anatomy: str
+    device: Device, monkeypatch: pytest.MonkeyPatch, age: float, anatomy: str, rank: float
 ) -> None:
-    bare = without(device, monkeypatch, age, anatomy).arrays()
-    for name, array in grown(device, age, anatomy).arrays().items():
+    bare = without(device, monkeypatch, age, anatomy, rank).arrays()
+    for name, array in grown(device, age, anatomy, rank).arrays().items():
         np.testing.assert_array_equal(array, bare[name])
+
+
+def test_they_come_with_the_rank(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    change = []
+    for rank in (0.02, 0.5, 1.0, 2.0):
+        skin = grown(device, 65.0, rank=rank)
+        bare = without(device, monkeypatch, 65.0, rank=rank)
+        change.append(skin.edge_weight - bare.edge_weight)
+    hint, half, whole, more = change
+    assert np.abs(hint).max() < 0.02
+    deeper = [np.maximum(each, 0.0).sum() for each in (half, whole, more)]
+    assert 0.05 * deeper[1] < deeper[0] < 0.6 * deeper[1]
+    assert deeper[2] > 0.8 * deeper[1]
+
+
+def test_they_are_nearly_straight(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[NDArray[np.int64]] = []
+    along = perioral._Ways.along
+
+    def kept(self: perioral._Ways, *course: Any) -> tuple[NDArray[Any], NDArray[Any]] | None:
+        found = along(self, *course)
+        drawn.extend([] if found is None else [found[0]])
+        return found
+
+    monkeypatch.setattr(perioral._Ways, "along", kept)
+    skin = grown(device, 65.0)
+    assert len(drawn) > 15
+    winding = []
+    for lines in drawn:
+        ends = skin.node_uv[skin.edge_nodes[lines]].astype(np.float64)
+        between = np.linalg.norm(ends.reshape(-1, 1, 2) - ends.reshape(-1, 2), axis=-1)
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        winding.append(length.sum() / between.max())
+        assert between.max() > 4.5 * MILLIMETRE
+    assert np.median(winding) < 1.06
+    assert max(winding) < 1.1
 
 
 def test_they_run_up_and_down_from_the_border_and_fade(
@@ -80,7 +142,6 @@ def test_they_run_up_and_down_from_the_border_and_fade(
     along = np.abs(step[:, 1]) / np.linalg.norm(step, axis=1)
     assert np.median(along) > 0.85
     away = np.maximum(v - HIGH, LOW - v)
-    # Pores are half a millimetre apart where nothing is painted: the sheet is some 40 mm high.
     assert -0.03 < away.min() < 0.03
     assert 0.1 < away.max() < 0.35
     near, far = away < np.percentile(away, 40), away > np.percentile(away, 80)
@@ -109,3 +170,20 @@ def test_skin_beside_them_is_softer(device: Device, monkeypatch: pytest.MonkeyPa
     gap = np.linalg.norm(middle[softer][:, None] - middle[lines], axis=-1).min(axis=1)
     assert len(softer) > 60
     assert gap.max() < 0.08
+
+
+def test_there_are_none_in_a_fan(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = fanned()
+    skin = grown(device, 65.0, found=found)
+    bare = without(device, monkeypatch, 65.0, found=found)
+    assert bare.edge_share is not None
+
+    def in_fan(lines: NDArray[np.intp]) -> NDArray[np.intp]:
+        x, v = (skin.node_uv[skin.edge_nodes[lines]].mean(axis=1).T - 0.1) / 0.8
+        found: NDArray[np.intp] = lines[(x < 0.27) & (v < LOW) & (v > 0.2)]
+        return found
+
+    assert len(in_fan(np.flatnonzero(bare.edge_share > 1.02))) > 15
+    lines = deepened(skin, bare)
+    assert len(lines) > 60
+    assert not len(in_fan(lines))

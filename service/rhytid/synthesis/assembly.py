@@ -147,8 +147,9 @@ class GraphParts:
         assert ranks is not None
         scale, weight = ground.surface.scale, sizes[0]
         millimetre = unit_length(ground.unit, self.spacing * scale) / scale
-        worn = ranks.worn_by_age
-        found = PerioralLines.of(ground, self.pores, lines, weight, millimetre, worn, self.seed)
+        found = PerioralLines.of(
+            ground, self.pores, lines, weight, millimetre, ranks.worn_by_age, ranks.rank, self.seed
+        )
         return None if found is None else found.drawn(lines, leads, sizes, self.spacing)
 
     def _beside(self) -> dict[str, NDArray[np.float32]]:

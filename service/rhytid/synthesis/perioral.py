@@ -23,20 +23,21 @@ from rhytid.synthesis.shapes import WIDE
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, unit
 
 Singles = NDArray[np.float32]
-# Shares of a lip from which on a pore lies within it, and of the mouth around it.
-_WITHIN, _AROUND = 0.5, 0.25
+# Shares of a lip from which on a pore lies within it, and of the mouth around it; and how far skin
+# has a fan from which on it has no perioral lines.
+_WITHIN, _AROUND, _FANNED = 0.5, 0.25, 0.5
 # Millimetres: how far from the lip lines begin; how far around a place the lip says which way is
 # outwards.
 _BEGIN, _SEEN = 1.3, 6.0
-# Cosines to the vertical from which on lines begin above or below the lips, and to the level
-# direction at their corners.
-_UPRIGHT, _CORNER = 0.6, 0.75
+# Cosine to the vertical from which on lines begin above or below the lips: none at their corners,
+# which fans leave.
+_UPRIGHT = 0.6
 # Millimetres from one to the next, at least and by chance more; below the lips as many times that.
 _APART, _FARTHER, _BELOW = 1.3, 2.2, 1.7
-# Millimetres: the shortest, and by chance longer; those that go down from the corners.
-_SHORTEST, _LONGER, _MARIONETTE = 5.0, 5.0, 12.0
-# How far outwards lines fan, and lean by chance; how far outwards those of the corners run.
-_FAN, _LEAN, _OUTWARDS = 0.35, 0.2, 0.3
+# Millimetres that one is to be long, and by chance longer.
+_SHORTEST, _LONGER = 7.0, 3.0
+# How far outwards lines spread, and lean by chance.
+_SPREAD, _LEAN = 0.35, 0.2
 # How worn skin is when the first appear, and by chance later.
 _ONSET, _LATER = 0.1, 0.5
 # Weight of the smallest, of the largest 1; the half width of these, in that of strength 1.
@@ -48,11 +49,12 @@ _QUIET, _BESIDE = 0.5, 2.2
 # How much longer a way counts that runs across, or along faint lines.
 _ACROSS, _FAINT = 12.0, 0.25
 # A way is looked for within so much of its length around its middle; by how much longer than
-# straight it may be, and how much of its length may be left at its end.
-_ROOM, _WINDING, _SHORT = 0.65, 1.3, 0.4
-# Where there is no way, the next is looked for so far from there, millimetres; and how often at a
-# corner.
-_MISSED, _TRIED = 0.5, 16
+# straight it may be: what winds farther is a worm, and no line of skin.
+_ROOM, _WINDING = 0.65, 1.08
+# It ends where it runs best, so far along its course, and as far beside it as this times that.
+_LEAST, _MOST, _ASIDE = 0.7, 1.05, 0.35
+# Where there is no way, the next is looked for so far from there, millimetres.
+_MISSED = 0.3
 # A purpose of random numbers.
 _CHANCE = 31
 
@@ -61,8 +63,8 @@ _CHANCE = 31
 class PerioralLines:
     """P parts of perioral lines: wrinkles that they follow.
 
-    line (P,): which wrinkles.  share (P,): how far each is part of one, 0 to 1: by age and along
-    the line.  beside (V,): the factor of the weight of all other wrinkles.
+    line (P,): which wrinkles.  share (P,): how far each is part of one, 0 to 1: by age, rank and
+    along the line.  beside (V,): the factor of the weight of all other wrinkles.
     """
 
     line: IntArray
@@ -78,23 +80,29 @@ class PerioralLines:
         weight: Singles,
         millimetre: float,
         worn: float,
+        rank: float,
         seed: int,
     ) -> PerioralLines | None:
         """Those of skin so worn, 1 at 65; None where it has none.
 
-        weight (W,): of the lines.  millimetre: in units of the surface.
+        weight (W,): of the lines.  millimetre: in units of the surface.  rank: how far lines have
+        ranks, 1 at most counts: so deep are those of 1, and so much softer what is beside them.
         """
-        if worn <= 0.0:
+        worn, rank = max(worn, 0.0), min(rank, 1.0)
+        if worn * rank == 0.0:
             return None
-        lip = ground.fields.creases(pores.triangle, pores.uv)
-        around = (ground.fields.uneven(pores.triangle, pores.uv) > _AROUND) & (lip < _WITHIN)
+        lip, uneven, fans = (
+            of(pores.triangle, pores.uv)
+            for of in (ground.fields.creases, ground.fields.uneven, ground.fields.fans)
+        )
+        around = (uneven > _AROUND) & (lip < _WITHIN) & (fans < _FANNED)
         if not around.any() or not (lip >= _WITHIN).any():
             return None
         border = _Border.of(pores, around, pores.position[lip >= _WITHIN], millimetre, seed)
         ways = _Ways(pores, lines, weight, around)
-        begun = [*border.fan(ways), *border.corners(ways)]
-        share = [part.grown(worn) * _profile(part.at) for part in begun]
-        line = np.concatenate([np.empty(0, np.int64), *(part.line for part in begun)])
+        drawn = list(border.across(ways))
+        share = [rank * part.grown(worn) * _profile(part.at) for part in drawn]
+        line = np.concatenate([np.empty(0, np.int64), *(part.line for part in drawn)])
         found = np.concatenate([np.empty(0), *share])
         return cls(line, found, ways.beside(line, found, _BESIDE * millimetre, lines.whole))
 
@@ -106,7 +114,7 @@ class PerioralLines:
         spacing: float,
     ) -> BoolArray:
         """Change lines (W,) in place: their weights, and their half widths on the surface and in
-        UV; and which of them (W,) are parts of perioral lines.
+        UV; and which of them (W,) are parts of perioral lines, deeper than they were.
 
         leads (W,): which are parts of leaders.  spacing: of pores, on the surface.
         """
@@ -116,7 +124,7 @@ class PerioralLines:
         # Halves of a wrinkle that is cut at a seam are alike.
         of = np.append(np.arange(lines.whole), lines.copy_of[lines.whole :])
         share, quiet = share[of], self.beside[of]
-        parts = share > 0
+        parts = share > weight
         weight *= np.where(leads | parts, np.float32(1.0), quiet)
         np.maximum(weight, share, out=weight)
         wide = np.float32(_BROAD * WIDE * spacing) * np.sqrt(share)
@@ -128,7 +136,7 @@ class PerioralLines:
 
 
 @dataclass(frozen=True, eq=False)
-class _Begun:
+class _Line:
     """One line: the wrinkles (P,) that it follows, how far along it each is, 0 to 1, and how large
     it is and how worn skin is when it appears, 0 to 1."""
 
@@ -179,7 +187,7 @@ class _Border:
         chance = np.array(unit_intervals(key, _CHANCE, seed), np.float64)
         return cls(pore, place, key, chance, level, up, beside, above, millimetre)
 
-    def fan(self, ways: _Ways) -> Iterator[_Begun]:
+    def across(self, ways: _Ways) -> Iterator[_Line]:
         """Lines up from the upper lip, and fewer down from the lower one."""
         tree, free = scipy.spatial.cKDTree(self.place), np.abs(self.above) > _UPRIGHT
         course = self._courses()
@@ -193,27 +201,15 @@ class _Border:
             apart *= _BELOW if self.above[row] < 0 else 1.0
             free[tree.query_ball_point(self.place[row], apart * self.millimetre)] = False
             if found:
-                yield _Begun(*found, _SMALL + (1.0 - _SMALL) * larger, _ONSET + _LATER * later)
+                yield _Line(*found, _SMALL + (1.0 - _SMALL) * larger, _ONSET + _LATER * later)
 
     def _courses(self) -> FloatArray:
         """(B, 3) from each pore to where a line from there is to end: away from the lip."""
         _, long, lean, _ = self.chance
-        aside = _FAN * self.beside + _LEAN * (2.0 * lean - 1.0)
+        aside = _SPREAD * self.beside + _LEAN * (2.0 * lean - 1.0)
         way = unit(np.sign(self.above)[:, None] * self.up + aside[:, None] * self.level)
         found: FloatArray = (_SHORTEST + _LONGER * long)[:, None] * self.millimetre * way
         return found
-
-    def corners(self, ways: _Ways) -> Iterator[_Begun]:
-        """One line down from each corner of the mouth."""
-        away = np.linalg.norm(self.place - self.place.mean(axis=0), axis=1)
-        for side in (-1.0, 1.0):
-            way = unit(side * _OUTWARDS * self.level - self.up)
-            there = np.flatnonzero(side * self.beside > _CORNER)
-            for row in there[np.argsort(-away[there], kind="stable")][:_TRIED].tolist():
-                found = ways.along(self.pore[row], _MARIONETTE * self.millimetre * way[row])
-                if found:
-                    yield _Begun(*found, 1.0, _ONSET)
-                    break
 
 
 class _Ways:
@@ -234,26 +230,21 @@ class _Ways:
     def along(self, pore: int, course: FloatArray) -> tuple[IntArray, FloatArray] | None:
         """The lines on the way from a pore along a course (3,), and how far each is on it, 0 to 1;
         None where no way leads there that is nearly straight."""
-        long, start, end = (
-            float(np.linalg.norm(course)),
-            self._place[pore],
-            self._place[pore] + course,
-        )
-        near = self._tree.query_ball_point(0.5 * (start + end), _ROOM * long, return_sorted=True)
+        long, start = float(np.linalg.norm(course)), self._place[pore]
+        near = self._tree.query_ball_point(start + 0.5 * course, _ROOM * long, return_sorted=True)
         rows = np.array(near, np.int64)
         pores, ends = np.unique(self._ends[rows], return_inverse=True)
         ends, first = ends.reshape(-1, 2), int(np.searchsorted(pores, pore))
         if first == len(pores) or pores[first] != pore:
             return None
         cost, before = self._costs(rows, ends, len(pores), first, course / long)
-        left = np.where(np.isinf(cost), np.inf, np.linalg.norm(self._place[pores] - end, axis=1))
-        last = int(left.argmin())
+        last = _end(self._place[pores] - start, course, cost)
+        if last is None:
+            return None
         path = rows[_back(ends, before, last)]
         length = np.linalg.norm(self._step[path], axis=1)
         whole = float(length.sum())
-        if left[last] > _SHORT * long or whole > _WINDING * np.linalg.norm(
-            self._place[pores[last]] - start
-        ):
+        if whole > _WINDING * np.linalg.norm(self._place[pores[last]] - start):
             return None
         return self._line[path], (np.cumsum(length) - 0.5 * length) / whole
 
@@ -281,6 +272,19 @@ class _Ways:
         close = 1.0 - (distance[near] / reach) ** 2
         found[self._line[near]] = 1.0 - _QUIET * close * share[nearest[near]]
         return found
+
+
+def _end(step: FloatArray, course: FloatArray, cost: FloatArray) -> int | None:
+    """Which pore, at steps (M, 3) from the first, a way along a course (3,) ends at, by what ways
+    to each take (M,): where it takes least for the square of how far it comes, so that it rather is
+    long; None where none is in reach."""
+    long = float(np.linalg.norm(course))
+    far = step @ course / long
+    aside = np.linalg.norm(step - far[:, None] * course / long, axis=1)
+    reach = (far > _LEAST * long) & (far < _MOST * long) & (aside < _ASIDE * far)
+    if not (reach & np.isfinite(cost)).any():
+        return None
+    return int(np.where(reach, cost / np.maximum(far, _LEAST * long) ** 2, np.inf).argmin())
 
 
 def _back(ends: IntArray, before: IntArray, last: int) -> IntArray:

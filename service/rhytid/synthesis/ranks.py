@@ -53,7 +53,8 @@ _OLD, _OLD_PAIR, _YOUNG, _OLD_BROAD = 1.9, 3.5, 2.4, 1.45
 # What is uneven deepens most by its region, so that leaders there would be as deep as lines can be
 # from 50 on, and 65 would look like 50; and of others less is left at 65.
 _OLD_NARROW = 0.7
-# The fan of a corner of the mouth is not there at 20, a hint at 35, and plain at 65.
+# The fan of a corner of the mouth is not there at 20, a hint at 35, and plain at 65, to which what
+# age makes of lines where skin folds adds more than this.
 _OLD_FAN, _YOUNG_FAN = 1.6, 8.0
 _OLD_OTHERS, _OLD_UNEVEN, _YOUNG_OTHERS = 0.65, 0.3, 0.75
 # Powers of the size and of the profile of leaders at 65: small ones come up to the large ones, so
