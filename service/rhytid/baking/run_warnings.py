@@ -7,9 +7,9 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rhytid.baking.frames import FrameFiles
-from rhytid.baking.output import Origin
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import FrameCheck, mesh_warnings
@@ -29,6 +29,10 @@ from rhytid.domain.wording import plural
 from rhytid.errors import StrictError
 from rhytid.formats.meshes import MeshFile
 from rhytid.support.console import counted, note, print_above
+
+if TYPE_CHECKING:
+    # A check needs none of what writes maps.
+    from rhytid.baking.output import Origin
 
 # Lines printed per code: for a long shot in the wrong unit three frames are enough.
 _LINES = 3
