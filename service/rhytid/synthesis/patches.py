@@ -8,6 +8,7 @@ painted elsewhere is of no account.
 from __future__ import annotations
 
 import threading
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -45,8 +46,8 @@ _KEEPS = {"strength": 0.8}
 # Points at a time: what is computed on the way stays in the cache.
 _ROWS = 8192
 _ROW = CELLS + 2
-# From node to node of the table, along each of its sides.
-_STEPS = _ROW * _ROW, _ROW, 1
+# From node to node of the table, along x and along y.
+_STEPS = _ROW * _ROW, _ROW
 
 
 class Patches:
@@ -166,20 +167,34 @@ def _interpolated(x: Factors, y: Factors, z: Factors) -> Factors:
         shares.append(_shares(at))
         cell *= _ROW
         cell += nearest.astype(np.int64) & (CELLS - 1)
-    values = table().ravel()
+    total = np.zeros(len(cell), np.float32)
+    for i, along_x in enumerate(shares[0]):
+        plane = np.zeros(len(cell), np.float32)
+        for j, along_y in enumerate(shares[1]):
+            value = _along_z(cell + (i * _STEPS[0] + j * _STEPS[1]), shares[2])
+            value *= along_y
+            plane += value
+        plane *= along_x
+        total += plane
+    return total
 
-    def along(axis: int, first: int) -> Factors:
-        """Sums over the three nodes along an axis, and along those after it."""
-        total = np.zeros(len(cell), np.float32)
-        for share in shares[axis]:
-            last = axis == len(shares) - 1
-            value = values.take(cell + first, mode="clip") if last else along(axis + 1, first)
-            value *= share
-            total += value
-            first += _STEPS[axis]
-        return total
 
-    return along(0, 0)
+def _along_z(first: NDArray[np.int64], shares: tuple[Factors, Factors, Factors]) -> Factors:
+    """(N,) sums over three nodes of the table, from `first` (N,) on."""
+    near = _threes().take(first, mode="clip").view(np.float32).reshape(-1, 4)
+    total = near[:, 0] * shares[0]
+    total += near[:, 1] * shares[1]
+    total += near[:, 2] * shares[2]
+    return total
+
+
+@cache
+def _threes() -> NDArray[np.complex128]:
+    """(N,) from each node of the table on three values along z, and one without meaning: taken as
+    one number of 16 bytes, so that a place takes 9 in place of 27."""
+    values = np.pad(table().ravel(), (0, 3))
+    found = np.stack([values[n : n + table().size] for n in range(4)], axis=1)
+    return found.view(np.complex128).ravel()
 
 
 def _shares(at: Factors) -> tuple[Factors, Factors, Factors]:
