@@ -30,8 +30,9 @@ _seeds = count(1)
 
 
 class Stopper:
-    """Cancels the next job of a kind as a stage of it begins, or where it asks so many times
-    whether to go on; writes down its stages, and how often it asks.
+    """Cancels the next job of a kind as a stage of it begins, or where its thread asks so many
+    times whether to go on; writes down its stages, and how often its thread asks. Threads that
+    help it are not counted: one may ask before it hears that the job ends.
 
     late: later stages that it came to though it was cancelled.
     """
@@ -48,6 +49,7 @@ class Stopper:
         self.late: list[str] = []
         self.asked = 0
         self.job: Job | None = None
+        self.thread: threading.Thread | None = None
         self._cancelled = False
 
     @property
@@ -68,7 +70,7 @@ class Stopper:
             self._cancel(job)
 
     def _asked(self, job: Job) -> None:
-        if self._is_it(job):
+        if self._is_it(job) and threading.current_thread() is self.thread:
             self.asked += 1
             if self.asked == self.at:
                 self._cancel(job)
@@ -76,7 +78,7 @@ class Stopper:
 
     def _is_it(self, job: Job) -> bool:
         if self.job is None and job.info.kind == self.kind:
-            self.job = job
+            self.job, self.thread = job, threading.current_thread()
         return job is self.job
 
     def _cancel(self, job: Job) -> None:
