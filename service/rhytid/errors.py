@@ -7,6 +7,7 @@
     │   ├── MeshError
     │   ├── GraphError
     │   ├── FrameError
+    │   │   └── ShapesError      expressions of a mesh
     │   ├── SettingsError
     │   ├── SnapshotError        a file that is no snapshot of an asset, or a damaged one
     │   ├── StrictError          something is probably wrong, and the caller asked to be strict
@@ -78,6 +79,10 @@ class GraphError(InputError):
 
 class FrameError(InputError):
     """Frame positions or a frame name that cannot be used."""
+
+
+class ShapesError(FrameError):
+    """Expressions that cannot be used; names the array or the expression and the vertex."""
 
 
 class SettingsError(InputError):

@@ -140,12 +140,22 @@ BAD_BODIES = {
 
 
 @pytest.mark.parametrize(("body", "headers", "what"), BAD_BODIES.values(), ids=BAD_BODIES.keys())
-@pytest.mark.parametrize("call", ["frames/bad", "calibration"])
+@pytest.mark.parametrize(
+    ("call", "named"), [("frames/bad", "frame 'bad'"), ("calibration", "calibration frame")]
+)
 def test_bad_positions_are_refused(
-    client: httpx.Client, asset: str, call: str, body: bytes, headers: dict[str, str], what: str
+    client: httpx.Client,
+    asset: str,
+    call: str,
+    named: str,
+    body: bytes,
+    headers: dict[str, str],
+    what: str,
 ) -> None:
     path = f"/v1/assets/{asset}/{call}"
-    assert what in is_problem(client.put(path, content=body, headers=headers), 422, "frame")
+    told = is_problem(client.put(path, content=body, headers=headers), 422, "frame")
+    assert what in told
+    assert told.startswith(named)
     is_problem(client.get(f"/v1/assets/{asset}/frames/bad"), 404, "not-found")
 
 

@@ -22,6 +22,15 @@ SMALL = {**SETTINGS, "unit": "ft", "graph": {"wrinkles": 400}}
 SHAPES = np.stack([positions() * np.float32([0.8, 1, 1]), positions() * np.float32([0.9, 1, 1])])
 
 
+def mesh_arrays() -> dict[str, np.ndarray]:
+    """The arrays of the mesh of `obj`."""
+    rows = [line.split() for line in obj().decode().splitlines()]
+    uv = np.array([[float(x) for x in row[1:]] for row in rows if row[0] == "vt"])
+    quads = [[int(c.split("/")[0]) - 1 for c in row[1:]] for row in rows if row[0] == "f"]
+    faces = np.array([f for q in quads for f in ((q[0], q[1], q[2]), (q[0], q[2], q[3]))])
+    return {"positions": positions(), "faces": faces, "uv": uv, "face_uv": faces}
+
+
 @pytest.fixture(scope="module")
 def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     with running(tmp_path_factory.mktemp("api")) as engine, serving(engine) as client:
@@ -46,11 +55,7 @@ def test_every_way_of_sending_them_is_the_same_asset(url: str, tmp_path: Path) -
 
 
 def test_frames_of_the_mesh_file_count_where_there_are_no_shapes(url: str) -> None:
-    rows = [line.split() for line in obj().decode().splitlines()]
-    uv = np.array([[float(x) for x in row[1:]] for row in rows if row[0] == "vt"])
-    quads = [[int(c.split("/")[0]) - 1 for c in row[1:]] for row in rows if row[0] == "f"]
-    faces = np.array([f for q in quads for f in ((q[0], q[1], q[2]), (q[0], q[2], q[3]))])
-    arrays = {"positions": positions(), "faces": faces, "uv": uv, "face_uv": faces}
+    arrays = mesh_arrays()
     with closing(Client(url)) as client:
         made = [
             client.create_asset({**arrays, **more}, settings=SMALL, shapes=shapes).id
@@ -67,8 +72,12 @@ def test_frames_of_the_mesh_file_count_where_there_are_no_shapes(url: str) -> No
 @pytest.mark.parametrize(
     ("part", "told"),
     [
-        (("shapes.npy", npy(SHAPES[:, :20])), "shape (2, 20, 3)"),
-        (("shapes.npy", npy(np.full_like(SHAPES, np.nan))), "frame 0001, vertex 0"),
+        (("shapes.npy", npy(SHAPES[:, :20])), "part shapes: shapes have shape (2, 20, 3)"),
+        (("shapes.npy", npy(SHAPES[0, :20])), "part shapes: shapes have shape (1, 20, 3)"),
+        (("shapes.npy", npy(SHAPES)[:-1]), "part shapes: the file: the header promises"),
+        (("shapes.npy", b""), "part shapes: the file is not a .npy array"),
+        (("shapes.npy", npy(np.full_like(SHAPES, np.nan))), "shape 0000, vertex 0"),
+        (("shapes.npz", npz(shapes=SHAPES[:, :20])), "part shapes: shapes have shape (2, 20, 3)"),
         (("shapes", npy(SHAPES)), "part shapes has no filename with .npz or .npy"),
         (("shapes.obj", obj()), "must be one of .npz, .npy"),
         (("shapes.npz", b"PK"), "not a readable .npz archive"),
@@ -78,6 +87,26 @@ def test_what_cannot_be_used_is_told(url: str, part: tuple[str, bytes], told: st
     refused = httpx.post(f"{url}/v1/assets", files={**upload(), "shapes": part}, timeout=60)
     assert refused.status_code == 422
     assert told in refused.json()["detail"]
+    if "part shapes:" in told:
+        assert refused.json()["type"] == "urn:rhytid:problem:shapes"
+        assert refused.json()["title"] == "The shapes cannot be used"
+
+
+@pytest.mark.parametrize(
+    ("array", "values", "told"),
+    [
+        ("positions", positions()[:, :2], "part mesh: positions has shape (25, 2), not (N, 3)"),
+        ("frames", SHAPES[0], "part mesh: frames have shape (25, 3), not (N, 25, 3)"),
+        ("shapes", SHAPES[0], "part mesh: shapes have shape (25, 3)"),
+    ],
+)
+def test_a_wrong_array_of_the_mesh_is_named(
+    url: str, array: str, values: np.ndarray, told: str
+) -> None:
+    sent = npz(**{**mesh_arrays(), array: values})
+    refused = httpx.post(f"{url}/v1/assets", files={"mesh": ("mesh.npz", sent)}, timeout=60)
+    assert refused.status_code == 422
+    assert refused.json()["detail"].startswith(told)
 
 
 def test_expressions_that_are_asked_for_must_come(url: str) -> None:

@@ -69,7 +69,7 @@ def test_mistakes_are_told_with_their_place(
     out = str(tmp_path / "g.safetensors")
     for more, told in (
         (["--lines", "expressions"], 'graph.lines is "expressions", and none came'),
-        (["--shapes", str(tmp_path / "few.npy")], "few.npy: frames have shape (2, 5, 3)"),
+        (["--shapes", str(tmp_path / "few.npy")], "few.npy: shapes have shape (2, 5, 3)"),
         (["--shapes", str(tmp_path / "empty")], "empty holds no OBJ files"),
         (["--shapes", str(tmp_path / "bad")], "smile.obj: frame has 7 vertices"),
         (["--shapes", str(tmp_path / "offsets")], "offsets: no shape is 20 % as large as the mesh"),

@@ -206,7 +206,7 @@ def test_stored_and_deflated_members_and_later_header_versions() -> None:
         (changed(positions=SQUARE > 0), "positions holds truth values"),
         (changed(positions=SQUARE.astype("M8[s]")), "positions holds dates"),
         (changed(positions=SQUARE.view([("x", "f4", 3)])), "positions holds records"),
-        (changed(faces=SQUARE_FACES.astype(float)), "faces has dtype float64, not a int"),
+        (changed(faces=SQUARE_FACES.astype(float)), "faces has dtype float64, not int64"),
         (changed(faces=SQUARE_FACES[:, :2]), r"faces has shape \(2, 2\), not \(N, 3\)"),
         (changed(faces=SQUARE_FACES + 1), r"faces 1 is \[1, 3, 4\]: indices go from 0 to 3"),
         (changed(faces=SQUARE_FACES - 1), r"faces 0 is \[-1, 0, 1\]"),

@@ -123,17 +123,19 @@ async def no_repeats(request: Request) -> None:
 
 
 async def positions_of(request: Request, asset: AssetId, engine: EngineDep) -> NDArray[np.float32]:
-    """The body as positions (V, 3) of an asset, less its centre; raises FrameError or LimitError,
-    and NotFoundError where there is no such asset."""
+    """The body as positions (V, 3) of an asset, less its centre; raises FrameError, naming the
+    frame of the path, or LimitError, and NotFoundError where there is no such asset."""
     # The asset comes first: it says how much of a body is worth reading.
     found = await run_in_threadpool(engine.assets.dimensions, asset)
     figures: Figures = request.app.state.metrics.figures
     with figures.stage("upload"):
         body = await uploads.read_frame(request, found.vertices)
     media_type = uploads.media_type_of(request)
-    centre = np.array(found.centre)
+    name = request.path_params.get("frame")
+    what = "calibration frame" if name is None else f"frame {name!r:.80}"
+    sent = body, media_type, found.vertices, np.array(found.centre), what
     with figures.stage("decode"):
-        return await run_in_threadpool(read_positions, body, media_type, found.vertices, centre)
+        return await run_in_threadpool(read_positions, *sent)
 
 
 def _uploaded(read: Callable[[Request], Awaitable[Any]]) -> Callable[[Request], Awaitable[Any]]:

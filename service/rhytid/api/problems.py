@@ -45,6 +45,7 @@ class Kind:
 KINDS: dict[type[BaseException], Kind] = {
     errors.MeshError: Kind(422, "mesh", "The mesh cannot be used"),
     errors.GraphError: Kind(422, "graph", "The wrinkle graph cannot be used"),
+    errors.ShapesError: Kind(422, "shapes", "The shapes cannot be used"),
     errors.FrameError: Kind(422, "frame", "The frame cannot be used"),
     errors.SettingsError: Kind(422, "settings", "The settings cannot be used"),
     errors.QueryError: Kind(422, "query", "The query cannot be answered"),

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.mesh import ORIGIN, Centre, subtract_centre
 from rhytid.domain.validation import fixed_array
-from rhytid.errors import FrameError, InputError
+from rhytid.errors import InputError, ShapesError
 
 # Of more, this many evenly spaced ones are used: a captured take repeats itself.
 MOST_EXPRESSIONS = 400
@@ -64,18 +64,18 @@ class Expressions:
         """At most MOST_EXPRESSIONS of the positions that were sent, evenly picked, with the first
         and the last.
 
-        Raises FrameError naming the shape, the names that do not fit, or the expression and the
+        Raises ShapesError naming the shape, the names that do not fit, or the expression and the
         vertex that is not finite.
         """
         values = np.asarray(positions)
         if values.ndim != 3 or values.shape[1:] != (vertices, 3) or values.dtype.kind not in "fiu":
             shape = f"shape {values.shape} of {values.dtype}"
-            raise FrameError(f"shapes have {shape}, not numbers (E, {vertices}, 3)")
+            raise ShapesError(f"shapes have {shape}, not numbers (E, {vertices}, 3)")
         chosen = evenly_spaced(len(values))
         known = [f"{i:04d}" for i in chosen]
         if names is not None:
             if len(names) != len(values):
-                raise FrameError(f"{len(names)} names for {len(values)} shapes")
+                raise ShapesError(f"{len(names)} names for {len(values)} shapes")
             known = [str(names[i])[:_LONGEST_NAME] for i in chosen]
         kept = np.empty((len(chosen), vertices, 3), np.float32)
         with np.errstate(over="ignore"):
@@ -86,11 +86,11 @@ class Expressions:
         return cls(kept, tuple(known))
 
     def check_size(self, neutral: NDArray[np.floating]) -> None:
-        """Raise FrameError where all of them are far smaller than the mesh, as offsets from the
+        """Raise ShapesError where all of them are far smaller than the mesh, as offsets from the
         neutral are.  neutral: (V, 3)."""
         least = _SMALLEST * _size(neutral)
         if len(self) and all(_size(shape) < least for shape in self.positions):
-            raise FrameError(
+            raise ShapesError(
                 f"no shape is {100 * _SMALLEST:g} % as large as the mesh: they must be positions "
                 "of all vertices, not offsets from the neutral"
             )
@@ -143,7 +143,7 @@ def _check_finite(positions: NDArray[np.float32], names: Sequence[str]) -> None:
         if not good.all():
             vertex = int(np.argmin(good))
             where = f"shape {name}, vertex {vertex}"
-            raise FrameError(f"{where} is {shape[vertex].tolist()}: not finite as float32")
+            raise ShapesError(f"{where} is {shape[vertex].tolist()}: not finite as float32")
 
 
 @dataclass(frozen=True, eq=False)

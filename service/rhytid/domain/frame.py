@@ -26,26 +26,27 @@ def check_frame_name(name: str) -> str:
 
 
 def check_positions(
-    values: ArrayLike, vertices: int, centre: Centre = ORIGIN
+    values: ArrayLike, vertices: int, centre: Centre = ORIGIN, what: str = "frame"
 ) -> NDArray[np.float32]:
     """Frame positions as (V, 3) float32, less the centre of their mesh, read-only.
 
-    Raises FrameError naming the count or the first vertex that is not finite.
+    what: words for them in errors. Raises FrameError naming the count or the first vertex that is
+    not finite.
     """
     shape = np.shape(values)
     if len(shape) != 2 or shape[1] != 3:
-        raise FrameError(f"frame has shape {shape}, not ({vertices}, 3)")
+        raise FrameError(f"{what} has shape {shape}, not ({vertices}, 3)")
     if shape[0] != vertices:
         raise FrameError(
-            f"frame has {plural(shape[0], 'vertex', 'vertices')}, the neutral mesh has {vertices}"
+            f"{what} has {plural(shape[0], 'vertex', 'vertices')}, the neutral mesh has {vertices}"
         )
     if centre.any() and np.asarray(values).dtype.kind in "fiu":
         values = subtract_centre(np.asarray(values), centre)
     with np.errstate(over="ignore"):
-        array: NDArray[Any] = fixed_array(values, "frame", (vertices, 3), np.float32, FrameError)
+        array: NDArray[Any] = fixed_array(values, what, (vertices, 3), np.float32, FrameError)
     bad = first_bad_row(np.isfinite(array))
     if bad is not None:
-        raise FrameError(f"frame vertex {bad} is {array[bad].tolist()}: not finite as float32")
+        raise FrameError(f"{what} vertex {bad} is {array[bad].tolist()}: not finite as float32")
     return array
 
 

@@ -76,7 +76,7 @@ class Mesh(_Kept):
         return cls(subtract_centre(values, centre), faces, uv, face_uv, centre)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "positions", _finite(self.positions, "position", 3, np.float32))
+        object.__setattr__(self, "positions", _finite(self.positions, "positions", 3, np.float32))
         object.__setattr__(self, "uv", _finite(self.uv, "uv", 2, np.float64))
         faces = _indices(self.faces, "faces", len(self.positions))
         object.__setattr__(self, "faces", faces)
@@ -212,7 +212,8 @@ def _finite(values: Any, what: str, width: int, dtype: type[np.floating[Any]]) -
         array = fixed_array(values, what, (None, width), dtype, MeshError)
     bad = first_bad_row(np.isfinite(array))
     if bad is not None:
-        raise MeshError(f"{what} {bad} is {array[bad].tolist()}: not finite as {array.dtype}")
+        one = what.removesuffix("s")
+        raise MeshError(f"{one} {bad} is {array[bad].tolist()}: not finite as {array.dtype}")
     return array
 
 

@@ -30,7 +30,7 @@ def fixed_array(
         raise error(f"{what} has shape {array.shape}, not ({wanted})")
     kinds = "fiu" if np.dtype(dtype).kind == "f" else "iu"
     if array.dtype.kind not in kinds and array.size:
-        raise error(f"{what} has dtype {array.dtype}, not a {np.dtype(dtype)}")
+        raise error(f"{what} has dtype {array.dtype}, not {np.dtype(dtype)}")
     if _on_bytes(array):
         fixed = np.require(array, dtype, ["C", "ALIGNED"])
     else:

@@ -11,7 +11,7 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.frame import check_positions
 from rhytid.domain.mesh import ORIGIN, Centre, Mesh
 from rhytid.domain.wording import plural
-from rhytid.errors import FrameError, MeshError
+from rhytid.errors import FrameError, InputError, MeshError, ShapesError
 from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size
 from rhytid.formats.npz import check_frames, read_npz_expressions, read_npz_frames
 from rhytid.formats.npz_archive import NpyHeader, read_npy_header
@@ -24,25 +24,30 @@ SHAPE_EXTENSIONS = (".npz", ".npy")
 
 
 def read_positions(
-    body: bytes, media_type: str, vertices: int, centre: Centre = ORIGIN
+    body: bytes,
+    media_type: str,
+    vertices: int,
+    centre: Centre = ORIGIN,
+    what: str = "frame",
 ) -> NDArray[np.float32]:
     """(V, 3) float32 positions of one frame, less the centre of its mesh, read-only, in mesh units.
 
-    `media_type` is NPY, or RAW for little-endian float32 without a header. Raises FrameError
-    naming the counts, the first vertex that is not finite, or the media types known here.
+    `media_type` is NPY, or RAW for little-endian float32 without a header.  what: words for the
+    frame in errors. Raises FrameError naming the counts, the first vertex that is not
+    finite, or the media types known here.
     """
     kind = media_type.partition(";")[0].strip().lower()
     if kind == RAW:
         if len(body) != 12 * vertices:
             held = plural(vertices, "vertex of 3 float32 is", "vertices of 3 float32 are")
-            raise FrameError(f"frame is {len(body)} bytes: {held} {12 * vertices}")
-        return check_positions(np.frombuffer(body, "<f4").reshape(-1, 3), vertices, centre)
+            raise FrameError(f"{what} is {len(body)} bytes: {held} {12 * vertices}")
+        return check_positions(np.frombuffer(body, "<f4").reshape(-1, 3), vertices, centre, what)
     if kind == NPY:
-        header = _npy_header(body)
+        header = _npy_header(body, what, FrameError)
         if header.shape != (vertices, 3):
-            raise FrameError(f"frame has shape {header.shape}, not ({vertices}, 3)")
-        return check_positions(header.array(body), vertices, centre)
-    raise FrameError(f"frame of media type {media_type!r:.80}: must be {NPY} or {RAW}")
+            raise FrameError(f"{what} has shape {header.shape}, not ({vertices}, 3)")
+        return check_positions(header.array(body), vertices, centre, what)
+    raise FrameError(f"{what} of media type {media_type!r:.80}: must be {NPY} or {RAW}")
 
 
 def read_frame_file(
@@ -57,8 +62,7 @@ def read_frame_file(
     """
     extension = PurePath(name).suffix.lower()
     if extension == ".npy":
-        header = _npy_header(data)
-        array = header.array(data)
+        array = _npy_header(data, "the file", FrameError).array(data)
         return check_frames(array[None] if array.ndim == 2 else array, vertices, centre)
     if extension == ".npz":
         return read_npz_frames(data, vertices, centre)
@@ -72,8 +76,8 @@ def read_expressions(data: bytes, name: str, mesh: Mesh) -> Expressions:
     """The expressions of a mesh in the bytes of a file called `name`.
 
     .npz holds `shapes` (E, V, 3) positions and optionally `names` (E,), or else `frames`
-    (N, V, 3); .npy is an array (E, V, 3). Raises FrameError naming what is wrong, offsets in place
-    of positions too, or LimitError.
+    (N, V, 3); .npy is an array (E, V, 3). Raises ShapesError naming what is wrong, offsets in place
+    of positions too, FrameError over frames, or LimitError.
     """
     found = _expressions(data, name, len(mesh.positions), mesh.centre)
     found.check_size(mesh.positions)
@@ -86,17 +90,17 @@ def _expressions(data: bytes, name: str, vertices: int, centre: Centre) -> Expre
         return read_npz_expressions(data, vertices, centre)
     if extension != ".npy":
         known = ", ".join(SHAPE_EXTENSIONS)
-        raise FrameError(f"shapes with extension {extension!r}: must be one of {known}")
-    # These are less the centre already.
-    return Expressions.checked(read_frame_file(data, name, vertices, centre), vertices)
+        raise ShapesError(f"shapes with extension {extension!r}: must be one of {known}")
+    array = _npy_header(data, "the file", ShapesError).array(data)
+    return Expressions.checked(array[None] if array.ndim == 2 else array, vertices, None, centre)
 
 
-def _npy_header(data: bytes) -> NpyHeader:
-    header = read_npy_header(data, "frame", FrameError)
-    check_size("frame", header.numbers, MAX_FRAME_NUMBERS)
+def _npy_header(data: bytes, what: str, error: type[InputError]) -> NpyHeader:
+    header = read_npy_header(data, what, error)
+    check_size(what, header.numbers, MAX_FRAME_NUMBERS)
     promised = header.start + header.stored
     if len(data) != promised:
-        raise FrameError(f"frame: the header promises {promised} bytes, there are {len(data)}")
+        raise error(f"{what}: the header promises {promised} bytes, there are {len(data)}")
     return header
 
 

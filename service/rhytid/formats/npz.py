@@ -18,7 +18,7 @@ from rhytid.domain.frame import counted_frame
 from rhytid.domain.mesh import ORIGIN, Centre, Mesh, add_centre, subtract_centre
 from rhytid.domain.notices import ARRAYS_NOT_READ, Notice
 from rhytid.domain.warnings import ARRAYS_UNUSED, InputWarning
-from rhytid.errors import FrameError, MeshError
+from rhytid.errors import FrameError, MeshError, ShapesError
 from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size
 from rhytid.formats.npz_archive import Archive
 
@@ -63,7 +63,7 @@ def read_npz(data: bytes) -> NpzMesh:
 
     Members: positions (V, 3), or `neutral` in its place, faces (F, 3), uv (T, 2), face_uv (F, 3)
     and optionally frames (N, V, 3), shapes (E, V, 3) and their names (E,). Raises MeshError,
-    FrameError (the contents of the frames, and what is wrong with shapes) or LimitError.
+    FrameError (the contents of the frames), ShapesError (what is wrong with shapes) or LimitError.
     """
     archive = Archive(data, MeshError)
     if "positions" in archive and "neutral" in archive:
@@ -74,7 +74,7 @@ def read_npz(data: bytes) -> NpzMesh:
     if "frames" in archive:
         frames = _frames(archive, vertices, mesh.centre)
     if "shapes" in archive:
-        shapes = _shapes(archive.raising(FrameError), vertices, mesh.centre)
+        shapes = _shapes(archive.raising(ShapesError), vertices, mesh.centre)
         shapes.check_size(mesh.positions)
     return NpzMesh(mesh, frames, shapes, *_unread(archive, vertices))
 
@@ -176,8 +176,8 @@ def check_frames(
 
 def read_npz_expressions(data: bytes, vertices: int, centre: Centre = ORIGIN) -> Expressions:
     """The members `shapes` (E, V, 3) and `names` (E,) of a .npz file, or else its frames; raises
-    FrameError where it has neither, with what may have been meant to be, or LimitError."""
-    archive = Archive(data, FrameError)
+    ShapesError where it has neither, with what may have been meant to be, or LimitError."""
+    archive = Archive(data, ShapesError)
     if "shapes" in archive:
         return _shapes(archive, vertices, centre)
     if "frames" in archive:
@@ -186,7 +186,7 @@ def read_npz_expressions(data: bytes, vertices: int, centre: Centre = ORIGIN) ->
     slips, others = _slips(archive, ("shapes", "frames"), vertices)
     known = [name for name in _MEMBERS if name in archive]
     held = _told(slips, [*others, *known]) or "nothing"
-    raise FrameError(f"the archive has neither 'shapes' nor 'frames'; it has {held}")
+    raise ShapesError(f"the archive has neither 'shapes' nor 'frames'; it has {held}")
 
 
 def _shapes(archive: Archive, vertices: int, centre: Centre) -> Expressions:
@@ -194,7 +194,7 @@ def _shapes(archive: Archive, vertices: int, centre: Centre) -> Expressions:
     if "names" in archive:
         texts = archive.read("names", names=True)
         if texts.ndim != 1:
-            raise FrameError(f"names have shape {texts.shape}, not (E,)")
+            raise ShapesError(f"names have shape {texts.shape}, not (E,)")
         names = [str(text) for text in texts]
     shapes = archive.read("shapes", MAX_FRAME_NUMBERS)
     return Expressions.checked(shapes, vertices, names, centre)

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import PurePath
 from typing import Protocol
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Expressions
+from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import CONTROLS, Stiffness
 from rhytid.domain.scan import ScanSettings
 from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.messages import NewAsset
-from rhytid.errors import InputError
+from rhytid.errors import InputError, LimitError
 from rhytid.formats.frames import read_expressions
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import read_mesh
@@ -64,13 +66,13 @@ def read_asset(
 ) -> NewAsset:
     """Decode mesh, graph, images, shapes and scan; raises InputError, or one of its kinds, naming
     the part or the file, and LimitError."""
-    mesh = parts["mesh"]
-    read = read_mesh(mesh.data, mesh.filename or "")
+    with _named(parts["mesh"]) as mesh:
+        read = read_mesh(mesh.data, mesh.filename or "")
     images = {name: _images(parts[name]) for name in CONTROLS if name in parts}
     new = NewAsset(
         mesh=read.mesh,
         settings=settings,
-        graph=read_graph(parts["graph"].data) if "graph" in parts else None,
+        graph=_graph(parts["graph"]) if "graph" in parts else None,
         frames=read.frames,
         stiffness=_stiffness(parts, read.mesh) if "stiffness" in parts else None,
         controls=read_controls(images, mesh_udims(read.mesh)),
@@ -101,11 +103,26 @@ def _scanned(new: NewAsset, parts: Files, settings: ScanSettings) -> NewAsset:
     return replace(new, scan=relief, noted=tuple(check.warnings()))
 
 
+def _graph(part: Sent) -> WrinkleGraph:
+    with _named(part):
+        return read_graph(part.data)
+
+
 def _shapes(part: Sent, mesh: Mesh) -> Expressions:
     name = part.filename or ""
     if not PurePath(name).suffix:
         raise InputError("part shapes has no filename with .npz or .npy: it names the format")
-    return read_expressions(part.data, name, mesh)
+    with _named(part):
+        return read_expressions(part.data, name, mesh)
+
+
+@contextmanager
+def _named(part: Sent) -> Iterator[Sent]:
+    """Errors over what a part holds begin with its name."""
+    try:
+        yield part
+    except (InputError, LimitError) as error:
+        raise type(error)(f"part {part.name}: {error}") from error
 
 
 def _stiffness(parts: Files, mesh: Mesh) -> Stiffness:
