@@ -107,3 +107,19 @@ def test_a_command_that_sigterm_ends_says_so(
         main(["devices"])
     assert end.value.code == 143
     assert capsys.readouterr().err == "rhytid devices: cancelled by SIGTERM\n"
+
+
+def test_sigint_after_sigterm_ends_with_the_status_of_sigterm(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import signal
+
+    def both(*_: object) -> None:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        finally:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(devices, "run", both)
+    assert main(["devices"]) == 143
+    assert capsys.readouterr().err == "rhytid devices: cancelled by SIGTERM\n"

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from rhytid import __version__
 from rhytid.cli.parser import Commands, Parser, is_for_job
 from rhytid.cli.summaries import SUMMARIES
-from rhytid.cli.termination import INTERRUPTED, TERMINATED, Interruption, Terminated
+from rhytid.cli.termination import Interruption, Terminated
 from rhytid.errors import RhytidError
 from rhytid.storage.lock import known_as
 from rhytid.support.build_identity import drawing_version, revision
@@ -53,17 +53,17 @@ def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
             print(end="", flush=True)  # here, where what fails is said
     except KeyboardInterrupt:
         interruption.say()
-        return INTERRUPTED
+        return interruption.status
     except Terminated:
         interruption.say()
         raise
     except Exception as error:
         if interruption.came:  # it came of the interruption
             interruption.say()
-            return INTERRUPTED
+            return interruption.status
         if interruption.terminated:
             interruption.say()
-            raise Terminated(TERMINATED) from error
+            raise Terminated(interruption.status) from error
         if isinstance(error, BrokenPipeError) and _reader_left():
             return _READER_LEFT
         if not isinstance(error, RhytidError | OSError):

@@ -39,7 +39,8 @@ class Terminated(SystemExit):
 
 
 class Interruption:
-    """The state of an interruption by SIGINT, and of a termination by SIGTERM.
+    """The state of an interruption by SIGINT, and of a termination by SIGTERM. Which of them came
+    first decides what is said, and the exit status.
 
     came, terminated: whether SIGINT came, and SIGTERM.  command: name of the command, once the
     arguments are read.
@@ -47,9 +48,19 @@ class Interruption:
 
     def __init__(self) -> None:
         self.came = self.terminated = False
-        # The name of the command, once the arguments have been read.
+        self._first = 0
         self.command = ""
         self._said = threading.Lock()
+
+    def note(self, number: int) -> None:
+        """Note that a signal has come. The thread that watches may hear of it before a handler
+        runs."""
+        self._first = self._first or number
+
+    @property
+    def status(self) -> int:
+        """The exit status of what is ended by the first signal."""
+        return TERMINATED if self._first == signal.SIGTERM else INTERRUPTED
 
     def say(self, dropped: Sequence[str] = ()) -> None:
         """Print one line on stderr, once; before it one that names the files that are dropped."""
@@ -59,21 +70,22 @@ class Interruption:
                 more = f" and {len(dropped) - _NAMED} more" if len(dropped) > _NAMED else ""
                 named = ", ".join(dropped[:_NAMED])
                 print(f"{program}: dropped, not finished: {named}{more}", file=sys.stderr)
-            cancelled = self.terminated and not self.came
-            what = "cancelled by SIGTERM" if cancelled else "interrupted"
+            what = "cancelled by SIGTERM" if self.status == TERMINATED else "interrupted"
             print(f"{program}: {what}", file=sys.stderr, flush=True)
 
     def interrupt(self, number: int, frame: FrameType | None) -> None:
         """The handler of SIGINT. Raises KeyboardInterrupt, once."""
+        self.note(number)
         if not self.came:
             self.came = True
             raise KeyboardInterrupt
 
     def terminate(self, number: int, frame: FrameType | None) -> None:
         """The handler of SIGTERM. Raises Terminated, once."""
+        self.note(number)
         if not self.terminated:
             self.terminated = True
-            raise Terminated(TERMINATED)
+            raise Terminated(self.status)
 
 
 @contextmanager
@@ -112,9 +124,11 @@ def _watch(reading: int, ended: threading.Event, found: Interruption) -> None:
     try:
         while came := os.read(reading, 1):
             if came[0] == signal.SIGINT:
-                _end_after(GRACE, INTERRUPTED, ended, found)
+                found.note(signal.SIGINT)
+                _end_after(GRACE, ended, found)
             elif came[0] == signal.SIGTERM and _is_ours(found):
-                last = PATIENCE, TERMINATED, ended, found
+                found.note(signal.SIGTERM)
+                last = PATIENCE, ended, found
                 if asked is None:
                     asked = time.monotonic()
                     threading.Thread(target=_end_after, args=last, daemon=True).start()
@@ -129,12 +143,12 @@ def _is_ours(found: Interruption) -> bool:
     return signal.getsignal(signal.SIGTERM) == found.terminate
 
 
-def _end_after(seconds: float, status: int, ended: threading.Event, found: Interruption) -> None:
+def _end_after(seconds: float, ended: threading.Event, found: Interruption) -> None:
     """End the process unless the block ends before."""
     if not ended.wait(seconds):
         with suppress(OSError, ValueError):
             found.say([file.name for file in being_written()])
-        end_now(status)
+        end_now(found.status)
 
 
 def end_now(status: int) -> NoReturn:
