@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import re
 from pathlib import Path
@@ -56,6 +57,23 @@ def test_synthesize_tells_what_the_file_holds(
     table = capsys.readouterr().out
     assert re.search(rf"^pores +{graph.counts()[0]}$", table, re.MULTILINE)
     assert seconds
+
+
+def test_a_graph_that_cannot_be_written_is_no_success(
+    tmp_path: Path, mesh: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Though it was measured meanwhile, nothing is reported."""
+    out = tmp_path / "g.safetensors"
+
+    def fail(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("rhytid.support.atomic_files.write_pieces", fail)
+    assert main(["synthesize", mesh, "--out", str(out), "--wrinkles", "300", "--json"]) != 0
+    told_of = capsys.readouterr()
+    assert told_of.out == ""
+    assert "No space left on device" in told_of.err
+    assert not out.exists()
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 
 from rhytid.domain import lengths
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.graph import GraphOrigin, mesh_digest
+from rhytid.domain.graph import GraphOrigin, WrinkleGraph, mesh_digest
 from rhytid.domain.lengths import MILLIMETRES, Lengths, millimetres
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import GraphError, SettingsError
@@ -52,6 +52,17 @@ def test_lengths_are_in_proportion_to_the_spacing() -> None:
     assert lengths.depth == 0.15 * 0.2
     assert lengths.sigma == 0.25 * 0.2
     assert lengths.wave_frequency == 0.4 / 0.2
+
+
+def test_a_graph_with_another_origin_has_the_same_arrays() -> None:
+    node, ends = np.zeros(2, np.float32), np.array([[0, 1]], np.int32)
+    uv, one = np.array([[0.1, 0.1], [0.2, 0.2]], np.float32), np.full(1, 0.1, np.float32)
+    graph = WrinkleGraph(uv, node, node + np.float32(0.01), ends, one, one)
+    origin = GraphOrigin("mm", seed=3)
+    other = graph.with_origin(origin)
+    assert (other.origin, graph.origin) == (origin, None)
+    assert other.node_uv is graph.node_uv
+    assert other.arrays().keys() == graph.arrays().keys()
 
 
 def test_an_origin_comes_back_from_its_metadata() -> None:

@@ -10,15 +10,18 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Device
 from rhytid.domain.graph import WrinkleGraph
-from rhytid.synthesis.fields import Directions, Fields
+from rhytid.synthesis.fields import Directions, Fields, looked_up
 from rhytid.synthesis.generate import synthesize
-from rhytid.synthesis.lattice import Lattice
+from rhytid.synthesis.lattice import Around, Lattice, spatial_order
 from rhytid.synthesis.progress import silent
+from rhytid.synthesis.surface import Points
 from rhytid.synthesis.trails import FINE, Paths, wear
 from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets
 
 COUNT = 4000
+# More than a thread has at a time.
+MANY = 150_000
 
 
 class Right(Fields):
@@ -103,3 +106,51 @@ def test_without_anisotropy_walkers_go_every_way(device: Device) -> None:
         shares.append(strength[level].mean() / strength.mean())
     assert shares[0] > 1.3
     assert 0.8 < shares[1] < 1.15
+
+
+def many_points() -> Points:
+    rng = np.random.default_rng(3)
+    uv, position = rng.random((MANY, 2)).astype(np.float32), rng.normal(size=(MANY, 3))
+    return Points(rng.integers(99, size=MANY), uv, position, position.astype(np.float32))
+
+
+def test_many_points_are_looked_up_on_all_cores_in_their_order() -> None:
+    points = many_points()
+
+    def look(triangle: NDArray[Any], uv: NDArray[Any]) -> NDArray[np.float32]:
+        assert len(triangle) == len(uv) < MANY
+        return triangle.astype(np.float32) + uv[:, 1]
+
+    wanted = points.triangle.astype(np.float32) + points.uv[:, 1]
+    np.testing.assert_array_equal(looked_up(look, points), wanted)
+
+
+def test_a_lattice_holds_all_of_many_points_and_no_more() -> None:
+    position = many_points().position
+    for row in (0, MANY - 1):
+        position[row] = [-9.0, 40.0, -20.0] if row else [7.0, -4.0, 30.0]
+    lattice = Lattice.around(position)
+    np.testing.assert_array_equal(lattice.origin, position.min(axis=0))
+    assert lattice.unit == 2.0 ** (6 - 30)
+
+
+def test_many_places_are_near_as_each_alone_is() -> None:
+    places = many_points().position
+    around = Around(places[:40], 0.05)
+    np.testing.assert_array_equal(around.all_near(places), around.near(places))
+    apart = np.linalg.norm(places[:, None, :] - places[:40], axis=-1).min(axis=1)
+    assert np.isin(np.flatnonzero(apart <= 0.05), around.all_near(places)).all()
+    assert len(around.all_near(places)) < 0.2 * MANY
+
+
+def test_places_are_in_the_order_of_the_curve_and_then_of_their_numbers() -> None:
+    """Two in one cell of the curve come in the order of their places, whichever stands first."""
+    places = np.random.default_rng(4).integers(0, 1 << 30, (MANY, 3)).astype(np.int32)
+    places[7] = places[MANY - 1] ^ np.int32(1)  # in the same cell of 2^9 steps
+    code = np.zeros(MANY, object)
+    for bit in range(21):
+        for axis in range(3):
+            set_here = (places[:, axis] >> (bit + 9)) & 1
+            code += set_here.astype(object) << (3 * bit + axis)
+    wanted = np.lexsort((*places.T, code.astype(np.uint64)))
+    np.testing.assert_array_equal(spatial_order(places), wanted)

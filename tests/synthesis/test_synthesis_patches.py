@@ -8,11 +8,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from reference import patches as reference
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.painted_maps import Controls
-from rhytid.domain.patch_noise import LEAST, MOST_DEVIATION
+from rhytid.domain.patch_noise import (
+    CELLS_OF_WAVE,
+    LEAST,
+    MOST_DEVIATION,
+    STRENGTH_SALT,
+    placement,
+    table,
+)
 from rhytid.domain.skin import REGIONS
 from rhytid.pipeline.grain import MOST_UNDULATION
 from rhytid.synthesis.fields import Fields
@@ -141,6 +149,25 @@ def test_patches_are_millimetres_wide(unit: str | None, side: float) -> None:
     assert power[waves > 1 / 3.5].sum() < 0.02 * power.sum()
     assert power[waves < 1 / 12].sum() > 0.2 * power.sum()
     assert power[waves > 1 / 12].sum() > 0.2 * power.sum()
+
+
+@pytest.mark.parametrize(
+    ("name", "deviation", "most", "salt"),
+    [("density", 0.18, 0.3, 12), ("events", 0.6, 0.9, STRENGTH_SALT)],
+)
+def test_factors_are_those_of_the_reference(
+    name: str, deviation: float, most: float, salt: int
+) -> None:
+    """In double, at more places than are looked at together, over 190 cells and their edges."""
+    triangle, uv = points(360)
+    ground, amount = surface(), np.linspace(0.0, 2.0, len(uv), dtype=np.float32)
+    found = patches().factor(name, amount, triangle, uv)
+    places, cell = ground.place(triangle, uv) * ground.scale, patches().size / CELLS_OF_WAVE
+    wanted = reference.factor(
+        places, cell, table(), np.array(placement(1, salt)), amount, deviation, most, 0.0
+    )
+    assert np.ptp(places / cell, axis=0).max() > 150
+    np.testing.assert_allclose(found, wanted, rtol=2e-4)
 
 
 def test_values_are_of_the_place_alone() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -68,3 +70,13 @@ def test_without_leaders_nobody_asks() -> None:
     got, gives = lines.given(none, np.zeros(0, np.float32), np.zeros(0))
     assert not got.any()
     assert not gives.any()
+
+
+def test_pores_that_nobody_asks_are_not_looked_at_and_count_for_nothing() -> None:
+    lines, given = made()
+    got, gives = lines.given(*given)
+    far = np.concatenate([lines.position[:50] + 7.0, lines.position])
+    moved = replace(lines, pores=lines.pores + np.int32(50), position=far)
+    for found, usual in zip(moved.given(*given), (got, gives), strict=True):
+        np.testing.assert_array_equal(found[:50], 0.0)
+        np.testing.assert_array_equal(found[50:], usual)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -98,9 +100,10 @@ def write_outputs(
     mesh: Mesh,
     graph: WrinkleGraph,
     facts: dict[str, Any],
+    first: Callable[[], None] = lambda: None,
 ) -> None:
     """Write the outputs that the arguments ask for, and report `facts` with the statistics of the
-    graph."""
+    graph.  first: writes the graph itself, while this is measured."""
     from rhytid.cli.preview import write_preview
     from rhytid.domain.graph_geometry import graph_curves
     from rhytid.exports.curves import curve_file
@@ -113,7 +116,7 @@ def write_outputs(
         "depth": lengths.depth,
         "spacing": lengths.spacing,
     }
-    with working("measuring the graph"):
+    with working("measuring the graph"), _beside(first):
         figures = {**facts, **statistics(mesh, graph, device), **drawn}
     if arguments.curves is not None:
         write = curve_file(arguments.curves.name).write
@@ -124,6 +127,16 @@ def write_outputs(
         drawing = settings.with_lengths(lengths)
         write_preview(device, mesh, graph, drawing, distance, arguments.preview, arguments.patch)
     report(figures, table(("figure", "value"), _rows(figures)), arguments.json)
+
+
+@contextmanager
+def _beside(task: Callable[[], None]) -> Iterator[None]:
+    """Run a task on another thread during the block, which ends with it and raises what it does:
+    a disk is waited for meanwhile."""
+    with ThreadPoolExecutor(1) as pool:
+        done = pool.submit(task)
+        yield
+        done.result()
 
 
 def whole_file(file: Path, pieces: Any) -> None:

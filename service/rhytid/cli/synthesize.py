@@ -121,10 +121,10 @@ def run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
     warnings.lengths(drawn, made.spacing)
     lengths = drawn.lengths(made.spacing)
     origin = GraphOrigin.of(mesh, unit, lengths, settings.start, made.graph.origin)
-    graph = replace(made.graph, origin=origin)
-    whole_file(out, graph_pieces(graph))
+    graph = made.graph.with_origin(origin)
+    write = partial(whole_file, out, graph_pieces(graph))
     facts = {"file": str(out), "seconds": seconds, "warnings": warnings.figures()}
-    write_outputs(arguments, device, mesh, graph, facts)
+    write_outputs(arguments, device, mesh, graph, facts, write)
     if arguments.preview is None:
         return
     if folds is not None:

@@ -6,6 +6,7 @@ was made.
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import math
 from collections.abc import Callable, Mapping
@@ -33,7 +34,7 @@ STEEPEST = 0.8
 MOST_GRAIN, MOST_SHARE = 16.0, 8.0
 MOST_SEED = 2**31 - 1
 # Rows checked at a time: what is computed on the way is in double.
-_ROWS = 1 << 20
+_ROWS = 1 << 16
 _F32 = np.float32
 _SHAPES: dict[str, tuple[tuple[int | None, ...], Any]] = {
     "node_uv": ((None, 2), _F32),
@@ -206,6 +207,12 @@ class WrinkleGraph:
             edge_weight=self.edge_weight * self.own_edges.astype(np.float32),
             edge_metric=None,
         )
+
+    def with_origin(self, origin: GraphOrigin | None) -> WrinkleGraph:
+        """The same arrays, which need no other check, with another origin."""
+        found = copy.copy(self)
+        object.__setattr__(found, "origin", origin)
+        return found
 
     def original_nodes(self, nodes: NDArray[np.integer]) -> NDArray[np.integer]:
         """Nodes, of any shape, in which the original stands in place of each copy."""

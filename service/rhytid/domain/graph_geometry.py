@@ -127,6 +127,8 @@ def whole_wrinkles(mesh: Mesh, graph: WrinkleGraph) -> tuple[NDArray[np.int64], 
         return rows, nodes
     pairs = seam_halves(mesh, graph)
     nodes = graph.edge_nodes.copy()
+    if not len(pairs):
+        return np.arange(len(nodes)), nodes
     nodes[pairs[:, 0], 1] = nodes[pairs[:, 1], 0]
     rows = np.delete(np.arange(graph.wrinkles), pairs[:, 1])
     return rows, nodes[rows]
@@ -169,10 +171,14 @@ def _density(mesh: Mesh, triangle: NDArray[np.int32]) -> NDArray[np.float64]:
 
 def _half(graph: WrinkleGraph, triangle: NDArray[np.int32]) -> NDArray[np.bool_]:
     """(M,) from a pore on a known triangle to a node beyond the border of the chart."""
-    near, beyond = graph.edge_nodes.T
-    used = np.bincount(graph.edge_nodes.ravel(), minlength=graph.pores)
-    known = (triangle[near] >= 0) & (triangle[near] == triangle[beyond])
-    half: NDArray[np.bool_] = known & (graph.node_weight[beyond] == 0) & (used[beyond] == 1)
+    half = np.empty(graph.wrinkles, np.bool_)
+    for start in range(0, graph.wrinkles, _ROWS):
+        near, beyond = graph.edge_nodes[start : start + _ROWS].T
+        known = (triangle[near] >= 0) & (triangle[near] == triangle[beyond])
+        half[start : start + _ROWS] = known & (graph.node_weight[beyond] == 0)
+    if half.any():
+        used = np.bincount(graph.edge_nodes.ravel(), minlength=graph.pores)
+        half &= used[graph.edge_nodes[:, 1]] == 1
     return half
 
 

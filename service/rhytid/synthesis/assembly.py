@@ -11,7 +11,7 @@ from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.synthesis import shapes
 from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.events import Events
-from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.fields import Fields, looked_up
 from rhytid.synthesis.hashes import place_keys
 from rhytid.synthesis.leader_families import leading_any_way
 from rhytid.synthesis.leaders import unit_length
@@ -158,7 +158,7 @@ class GraphParts:
         points = [self.pores] if self.events is None else [self.pores, self.events.points]
         for name in _USUAL:
             factor = getattr(fields, name.removeprefix("node_"))
-            every = [factor(some.triangle, some.uv) for some in points]
+            every = [looked_up(factor, some) for some in points]
             if name == "node_patchiness" and ranks is not None:
                 beside = (leading_any_way(fields, p.triangle, p.uv) for p in points[1:])
                 calm = ranks.calm, *(calm_of(leading, ranks.rank) for leading in beside)
@@ -201,7 +201,7 @@ class GraphParts:
         key = place_keys(pores.uv)
         size = shapes.pore_sizes(pores.position, self.spacing, key, self.seed)
         size[self.strengths.hubs] *= np.float32(shapes.HUB)
-        size *= fields.pore_radius(pores.triangle, pores.uv)
+        size *= looked_up(fields.pore_radius, pores)
         progress(0.6, "shapes")
         first = slice(0, lines.whole)
         relative = size / np.float32(fields.usual_pore_radius)
@@ -212,7 +212,7 @@ class GraphParts:
         size *= np.float32(shapes.PORE_SIZE * self.spacing)
         if self.strengths.ranks is not None:
             depth *= self.strengths.ranks.of_pores
-        _scale(depth, fields.pore_strength(pores.triangle, pores.uv))
+        _scale(depth, looked_up(fields.pore_strength, pores))
         if self.events is not None:
             _scale(depth, self.events.fading(surface, pores.triangle, pores.uv))
         axes = pore_axes(

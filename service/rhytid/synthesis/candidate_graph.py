@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.synthesis.edges import Edges, candidates, crossings
-from rhytid.synthesis.fields import Directions, Fields
+from rhytid.synthesis.fields import Directions, Fields, looked_up
 from rhytid.synthesis.incidence import KEPT, NEEDED, Incidence, chosen
 from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.pore_density import LENGTH, edges_per_pore
@@ -93,7 +93,7 @@ class CandidateGraph:
     ) -> Paths:
         """The edges that leave each pore, measured against the preferred directions."""
         along, left = directions.frames(self.pores, progress)
-        anisotropy = fields.anisotropy(self.pores.triangle, self.pores.uv)
+        anisotropy = looked_up(fields.anisotropy, self.pores)
         return Paths.of(
             work, self.pores, self.edges, along, left, anisotropy, self.lattice, self.length
         )

@@ -5,13 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
-from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.fields import Fields, looked_up
 from rhytid.synthesis.incidence import Incidence, starts_of
 from rhytid.synthesis.lattice import DevicePoints, Lattice
 from rhytid.synthesis.pore_density import spacings
@@ -80,7 +81,7 @@ def candidates(
     """
     fields = fields or Fields()
     with work.nested() as nested:
-        factor = spacings(fields, pores.triangle, pores.uv)
+        factor = looked_up(partial(spacings, fields), pores)
         lattice = Lattice.absolute(radius, *surface.extent)
         cell = REACH * radius * float(factor.max(initial=0.0))
         cloud = DevicePoints.of(nested, pores, cell, lattice)

@@ -132,7 +132,7 @@ def synthesize(
         graph = graph_of(arrays)
         give_back_heap()
     if patches is not None and unit is not None and millimetres(unit) is None:
-        graph = replace(graph, origin=GraphOrigin(unit, patch_size=patches.size))
+        graph = graph.with_origin(GraphOrigin(unit, patch_size=patches.size))
     report(1.0, "shapes")
     lengths = Lengths.of(spacing * surface.scale, settings.age)
     return Synthesis(graph, lengths, distance, surface.stretched)

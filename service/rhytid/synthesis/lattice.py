@@ -38,8 +38,8 @@ class Lattice:
     @classmethod
     def around(cls, *points: NDArray[np.floating]) -> Lattice:
         """The finest lattice that holds all points of arrays (N, 3)."""
-        low = np.min([p.min(axis=0) for p in points], axis=0).astype(np.float64)
-        high = np.max([p.max(axis=0) for p in points], axis=0)
+        ends = [end for p in points for end in _ends(p)]
+        low, high = np.min(ends, axis=0).astype(np.float64), np.max(ends, axis=0)
         extent = max(float((high - low).max()), 1e-30)
         return cls(low, 2.0 ** (int(np.floor(np.log2(extent))) + 1 - _STEPS))
 
@@ -86,6 +86,17 @@ class Lattice:
         return int(np.clip(np.ceil(length / self.unit), 1, 2**_STEPS))
 
 
+def _ends(points: NDArray[np.floating]) -> list[NDArray[np.floating]]:
+    """The least and the most coordinates of blocks of points (N, 3)."""
+    ends: list[NDArray[np.floating]] = []
+
+    def find(rows: slice) -> None:
+        ends.extend((points[rows].min(axis=0), points[rows].max(axis=0)))
+
+    over_rows(len(points), find)
+    return ends
+
+
 def spatial_order(places: NDArray[np.int32]) -> NDArray[np.intp]:
     """(N,) the order of places (N, 3) along Morton's curve, in which neighbours are near each
     other.
@@ -93,11 +104,14 @@ def spatial_order(places: NDArray[np.int32]) -> NDArray[np.intp]:
     Which of two places comes first depends on these two alone.
     """
     code = np.zeros(len(places), np.uint64)
-    for axis in range(3):
-        code |= _spread(places[:, axis].astype(np.uint64) >> np.uint64(_STEPS - 21)) << np.uint64(
-            axis
-        )
-    order: NDArray[Any] = np.argsort(code, kind="stable")
+
+    def find(rows: slice) -> None:
+        for axis in range(3):
+            coarse = places[rows, axis].astype(np.uint64) >> np.uint64(_STEPS - 21)
+            code[rows] |= _spread(coarse) << np.uint64(axis)
+
+    over_rows(len(code), find)
+    order: NDArray[Any] = np.argsort(code)
     ordered = code[order]
     if (ordered[1:] == ordered[:-1]).any():
         order = np.lexsort((*places.T, code))
@@ -194,6 +208,16 @@ class Around:
             number += np.clip(at, 0.0, side - 1.0).astype(np.int64)
         found: NDArray[np.int64] = np.flatnonzero(self._near.ravel().take(number))
         return found
+
+    def all_near(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
+        """`near` of many places, on as many threads as there are cores."""
+        found: dict[int, NDArray[np.int64]] = {}
+
+        def find(rows: slice) -> None:
+            found[rows.start] = rows.start + self.near(places[rows])
+
+        over_rows(len(places), find)
+        return np.concatenate([found[first] for first in sorted(found)])
 
 
 def _spread(value: NDArray[np.uint64]) -> NDArray[np.uint64]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rhytid.support import cancellation
 from rhytid.synthesis.candidate_graph import Ground
-from rhytid.synthesis.fields import level_directions
+from rhytid.synthesis.fields import level_directions, looked_up
 from rhytid.synthesis.hashes import Words, place_keys, unit_intervals
 from rhytid.synthesis.lines import Lines
 from rhytid.synthesis.shapes import WIDE
@@ -92,7 +92,7 @@ class PerioralLines:
         if worn * rank == 0.0:
             return None
         lip, uneven, fans = (
-            of(pores.triangle, pores.uv)
+            looked_up(of, pores)
             for of in (ground.fields.creases, ground.fields.uneven, ground.fields.fans)
         )
         around = (uneven > _AROUND) & (lip < _WITHIN) & (fans < _FANNED)

@@ -92,8 +92,10 @@ def scatter_around(
                 selection.take(thrown)
                 done += thrown.of
         points, order = selection.points()
-    place = np.argsort(order)[: 0 if first is None else len(first)]
-    return points, place.astype(np.int32)
+    at = np.flatnonzero(order < (0 if first is None else len(first)))
+    place = np.empty(len(at), np.int32)
+    place[order[at]] = at
+    return points, place
 
 
 def packed_radius(surface: Surface, fields: Fields, pores: float) -> float:

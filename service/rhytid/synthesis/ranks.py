@@ -7,6 +7,7 @@ and wherever skin folds one way.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.skin import wear
 from rhytid.synthesis.candidate_graph import CandidateGraph
-from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.fields import Fields, looked_up
 from rhytid.synthesis.hashes import Words, normals, place_keys
 from rhytid.synthesis.lattice import Around
 from rhytid.synthesis.leader_families import (
@@ -146,8 +147,8 @@ class Ranks:
         along, place = _edges_along(net, leaders), (net.pores.triangle, net.pores.uv)
         row = np.zeros(len(net.edges), np.int32)
         row[along.edge] = np.arange(1, len(along.edge) + 1)
-        leading = leading_any_way(fields, *place)
-        uneven = np.minimum(rank, 1.0) * fields.uneven(*place) * leading
+        leading = looked_up(partial(leading_any_way, fields), net.pores)
+        uneven = np.minimum(rank, 1.0) * looked_up(fields.uneven, net.pores) * leading
         uneven = np.minimum(uneven, 1.0).astype(np.float32)
         even = 1.0 - uneven[net.edges.nodes[along.edge]].mean(axis=1)
         at = net.edges.nodes[along.edge, 0]
@@ -159,9 +160,10 @@ class Ranks:
         quiet = (1.0 - _BESIDE * _nearness(net, leaders, _REACH * spacing)) * (
             1.0 - _FOLDED * leading
         )
-        quiet *= 1.0 - _CRUMPLED * fields.crumpled(*place)
+        quiet *= 1.0 - _CRUMPLED * looked_up(fields.crumpled, net.pores)
         quiet *= _of_others(worn, uneven) ** (worn * leading)
-        creased = 1.0 - _CREASED * np.minimum(fields.creased(*place) / _RIM, 1.0)
+        creased = looked_up(fields.creased, net.pores)
+        creased = 1.0 - _CREASED * np.minimum(creased / _RIM, 1.0)
         of_pores = np.ones(len(net.pores), np.float32)
         of_pores[net.first] = _BEADS ** min(rank, 1.0)
         return cls(

@@ -10,6 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from rhytid.support import cancellation
+from rhytid.synthesis.lattice import Around
 
 Doubles = NDArray[np.float64]
 # What others are left at least, of what they would take.
@@ -76,9 +77,13 @@ class Strips:
     ) -> Iterator[tuple[NDArray[np.intp], _Pairs]]:
         """Some of the pores that ask for something (A,), and the pairs of these and those around
         them, ordered; nearness is 1 to 0.  farthest (A,): how far each asks, in pore spacings."""
+        if not len(asking):
+            return
         # Trees that are asked once are not worth balancing.
         quick = {"balanced_tree": False, "compact_nodes": False}
-        every = scipy.spatial.cKDTree(self.position, **quick) if len(asking) else None
+        around = Around(self.position[asking], float(farthest.max()) * self.spacing)
+        others = around.all_near(self.position)
+        every = scipy.spatial.cKDTree(self.position[others], **quick)
         for first in range(0, len(asking), _ASKING):
             cancellation.check()
             rows, found = slice(first, first + _ASKING), []
@@ -88,7 +93,8 @@ class Strips:
                 tree = scipy.spatial.cKDTree(self.position[some[of]], **quick)
                 reach *= self.spacing
                 near = tree.sparse_distance_matrix(every, reach, output_type="ndarray")
-                found.append((of[near["i"]], near["j"], (1.0 - (near["v"] / reach) ** 2) ** 2))
+                nearness = (1.0 - (near["v"] / reach) ** 2) ** 2
+                found.append((of[near["i"]], others[near["j"]], nearness))
             one, two, nearness = (np.concatenate(parts) for parts in zip(*found, strict=True))
             order = np.argsort(one * len(self.position) + two)
             yield some, (one[order], two[order], nearness[order])

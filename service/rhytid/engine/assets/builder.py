@@ -314,7 +314,7 @@ class AssetBuilder:
             found.graph.origin or GraphOrigin(),
             unit=request.settings.length_unit, depth=found.lengths.depth,
         )  # fmt: skip
-        return replace(found, graph=replace(found.graph, origin=origin))
+        return replace(found, graph=found.graph.with_origin(origin))
 
     @contextmanager
     def _failing(self, job: Job, asset: Asset) -> Iterator[None]:

@@ -200,7 +200,7 @@ class AssetService(Assets):
         settings = found.settings
         unit, seed, graph = settings.length_unit, settings.graph.start, stored.graph
         origin = GraphOrigin.of(stored.mesh, unit, lengths, seed, graph.origin)
-        return replace(graph, origin=origin)
+        return graph.with_origin(origin)
 
     @override
     def mesh(self, asset: str) -> Mesh:
