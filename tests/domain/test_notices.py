@@ -73,7 +73,7 @@ def test_the_length_is_that_of_the_longest_direction() -> None:
 def test_a_number_of_wrinkles_says_which_lengths_follow() -> None:
     given = {"graph": {"wrinkles": 300, "age": 65}}
     settings = AssetSettings.parse(given).with_lengths(Lengths.of(0.25, 65))
-    told = spacing_of_count(settings, 0.251)
+    told = spacing_of_count(settings, 0.251, 300)
     assert told == (
         "300 wrinkles fix the spacing, and depths follow it: pores are 2.51 mm apart (usually 0.5 "
         "mm), furrows of strength 1 are 0.6 mm deep (usually 0.12 mm), grain 0.012 mm and "
@@ -82,7 +82,17 @@ def test_a_number_of_wrinkles_says_which_lengths_follow() -> None:
     other = AssetSettings.parse({**given, "unit": "ell"}).with_lengths(Lengths.of(0.25))
     assert (
         "pores are 0.251 ell apart, furrows of strength 1 are 0.0375 ell deep,"
-        in spacing_of_count(other, 0.251)
+        in spacing_of_count(other, 0.251, 300)
+    )
+
+
+def test_another_number_of_wrinkles_than_asked_for_is_said_with_the_reason() -> None:
+    given = {"graph": {"wrinkles": 600, "density": 0.5}}
+    settings = AssetSettings.parse(given).with_lengths(Lengths.of(0.25))
+    assert spacing_of_count(settings, 0.251, 300).startswith("600 wrinkles fix the spacing")
+    assert spacing_of_count(settings, 0.251, 263).startswith(
+        "263 have grown, not 300: that many are for skin of density 1 everywhere, and regions of "
+        "the face and what is painted have other densities; 600 wrinkles fix the spacing"
     )
 
 

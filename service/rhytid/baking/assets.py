@@ -62,7 +62,7 @@ def build(engine: Engine, new: NewAsset, warnings: RunWarnings) -> AssetInfo:
     engine.shared.push(asset.id)
     if grown and asset.statistics is not None:
         settings = AssetSettings.parse(asset.settings)
-        warnings.lengths(settings, asset.statistics["spacing"])
+        warnings.lengths(settings, asset.statistics["spacing"], asset.wrinkles)
     warnings.add_notices(asset.notices)
     return asset
 

@@ -141,11 +141,15 @@ class RunWarnings:
         self.add_notices(read.notices)
         self.add(read.unused)
 
-    def lengths(self, settings: AssetSettings, spacing: float) -> None:
-        """Print the lengths that follow from a number of wrinkles, if the settings give one.
-        settings: resolved.  spacing: of pores, where their density is 1, mesh units."""
+    def lengths(self, settings: AssetSettings, spacing: float, grown: int) -> None:
+        """Print the lengths that follow from a number of wrinkles, if the settings give one, and
+        how many have grown where these are more or fewer.
+
+        settings: resolved.  spacing: of pores, where their density is 1, mesh units.  grown:
+        wrinkles, without copies.
+        """
         if settings.graph.wrinkles is not None:
-            self.note(spacing_of_count(settings, spacing))
+            self.note(spacing_of_count(settings, spacing, grown))
 
     def note(self, line: str) -> None:
         """Print one line as a notice. Prints nothing where quiet."""

@@ -74,7 +74,10 @@ def add_density(parser: argparse._ActionsContainer) -> argparse._ActionsContaine
     group = parser.add_mutually_exclusive_group()
     usual = f"distance between pores, mesh units (default: {SKIN.spacing:g} mm through the unit)"
     group.add_argument("--spacing", type=float, metavar="S", help=usual)
-    count = "how many wrinkles to grow (default: as many as that spacing makes)"
+    count = (
+        "how many wrinkles to grow on skin of density 1; regions that expressions show and painted "
+        "maps make it more or fewer (default: as many as that spacing makes)"
+    )
     group.add_argument("--wrinkles", type=int, metavar="N", help=count)
     return group
 

@@ -118,7 +118,7 @@ def run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
         grow = partial(synthesize, mesh, device=device, controls=controls, folds=folds, unit=unit)
         made = grow(settings, progress=clock)
     drawn = AssetSettings(unit=unit, graph=settings).with_lengths(made.lengths)
-    warnings.lengths(drawn, made.spacing)
+    warnings.lengths(drawn, made.spacing, made.graph.counts()[1])
     lengths = drawn.lengths(made.spacing)
     origin = GraphOrigin.of(mesh, unit, lengths, settings.start, made.graph.origin)
     graph = made.graph.with_origin(origin)

@@ -47,8 +47,9 @@ class GraphSettings:
 
     spacing: mean distance from a pore to the nearest where density is 1, mesh units; null is 0.5 mm
         through `unit`
-    wrinkles: wrinkles to synthesise where density is 1 and nothing is painted; null is as many as
-        area and spacing make; a number fixes the spacing instead
+    wrinkles: wrinkles to synthesise on skin of density 1 everywhere, where no region is known and
+        nothing is painted; null is as many as area and spacing make; a number fixes the spacing
+        instead
     seed: start of the random numbers: another seed gives another skin of the same kind; null is
         what a given graph says, else 1
     neighbours: candidate edges of a pore

@@ -142,23 +142,34 @@ def redrawn_notice(before: AssetSettings, after: AssetSettings) -> tuple[Notice,
     return (Notice(SCAN_REDRAWN, detail),)
 
 
-def spacing_of_count(settings: AssetSettings, spacing: float) -> str:
-    """A line about the lengths that follow where `graph.wrinkles` fixes how far apart pores are.
+def spacing_of_count(settings: AssetSettings, spacing: float, grown: int) -> str:
+    """A line about the lengths that follow where `graph.wrinkles` fixes how far apart pores are,
+    and about the number of wrinkles where that is another.
 
     settings: resolved.  spacing: of pores, where their density is 1, mesh units; the usual one
-    counts likewise, and depths follow it.
+    counts likewise, and depths follow it.  grown: how many wrinkles there are, without copies.
     """
     assert settings.depth is not None
     depth, shape = settings.depth, settings.shape
     known = millimetres(settings.length_unit) is not None
     usual = f" (usually {SKIN.spacing:g} mm)" if known else ""
     deep = f" (usually {SKIN.depth * depth_factor(settings.graph.age):.3g} mm)" if known else ""
-    return (
+    assert settings.graph.wrinkles is not None
+    asked = round(settings.graph.wrinkles * settings.graph.density)
+    other = f"{grown} have grown, not {asked}: {_OTHER_COUNT}; " if grown != asked else ""
+    return other + (
         f"{settings.graph.wrinkles} wrinkles fix the spacing, and depths follow it: pores are "
         f"{_length(spacing, settings)} apart{usual}, furrows of strength 1 are "
         f"{_length(depth, settings)} deep{deep}, grain {_length(shape.grain * depth, settings)} "
         f"and undulation {_length(shape.undulation * depth, settings)} rms"
     )
+
+
+# Why another number of wrinkles grows than settings ask for.
+_OTHER_COUNT = (
+    "that many are for skin of density 1 everywhere, and regions of the face and what is painted "
+    "have other densities"
+)
 
 
 def _grain_size(settings: AssetSettings) -> float | None:

@@ -104,7 +104,8 @@ class Session:
             clock.stop()
         assert self.asset.statistics is not None
         resolved = AssetSettings.parse(self.asset.settings)
-        self.warned.lengths(resolved, self.asset.statistics["spacing"])
+        spacing = self.asset.statistics["spacing"]
+        self.warned.lengths(resolved, spacing, self.asset.wrinkles)
         self.warned.add_notices(Notice(n.code, n.detail) for n in self.asset.notices)
 
     def send_frames(self) -> None:
