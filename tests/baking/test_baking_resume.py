@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -223,6 +224,42 @@ def test_a_strict_bake_takes_up_what_is_there(engine: FakeEngine, tmp_path: Path
     strict.run()
 
     assert (strict.written, strict.skipped, strict.warnings.found) == (2, 2, [])
+
+
+def test_a_strict_bake_over_what_is_there_hashes_each_file_once(
+    engine: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bake(engine, tmp_path, [0.5, 0.25])
+    strict = baker(engine, tmp_path, [0.5, 0.25])
+    strict.warnings = RunWarnings("bake", True)
+    hashed: list[str] = []
+    read = StoredFile.read
+
+    def noted(path: Path) -> StoredFile:
+        hashed.append(path.name)
+        return read(path)
+
+    monkeypatch.setattr(StoredFile, "read", noted)
+    strict.run()
+
+    assert (strict.written, strict.skipped) == (0, 4)
+    assert sorted(hashed) == maps(tmp_path)
+
+
+def test_a_file_that_changes_after_it_was_looked_at_is_not_done(
+    engine: FakeEngine, tmp_path: Path
+) -> None:
+    bake(engine, tmp_path, [0.5])
+    first = tmp_path / maps(tmp_path)[0]
+    entries = json.loads((tmp_path / "face.bake.json").read_bytes())["maps"]
+    record = BakeRecord(tmp_path / "face.bake.json")
+    assert record.done(first, entries[first.name]["key"])
+    os.utime(first, ns=(0, 0))  # as a clock of coarse steps would have it
+    assert record.done(first, entries[first.name]["key"])
+    damaged = bytearray(first.read_bytes())
+    damaged[-1] ^= 1
+    first.write_bytes(damaged)
+    assert not record.done(first, entries[first.name]["key"])
 
 
 def test_another_asset_is_drawn_again(engine: FakeEngine, tmp_path: Path) -> None:

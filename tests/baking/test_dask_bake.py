@@ -91,6 +91,26 @@ def test_files_are_those_of_one_bake(
 
 
 @pytest.mark.slow
+def test_a_strict_bake_that_would_replace_a_file_begins_no_chunk(
+    shot: Path, cluster: Cluster, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    last = out / f"shot.1001.{FRAMES:04d}.exr"
+    last.write_bytes(b"older")
+
+    assert main([*given(shot, cluster, out), "--chunk", "1", "--strict"]) == 1
+
+    told = capsys.readouterr().err
+    assert f"warning: files-replaced: the bake: {last} is not what is asked for" in told
+    assert "so nothing was done (--allow files-replaced" in told
+    assert maps(out) == {last.name: b"older"}
+    last.unlink()
+    assert main([*given(shot, cluster, out), "--strict"]) == 0
+    assert maps(out) == maps(shot / "one")
+
+
+@pytest.mark.slow
 def test_a_worker_that_is_killed_loses_no_frame(cluster: Cluster, tmp_path: Path) -> None:
     mesh = write_animation(tmp_path / "long.npz", bumpy_grid(10, seed=1), 40)
     out, one = tmp_path / "out", tmp_path / "one"

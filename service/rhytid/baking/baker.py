@@ -78,16 +78,31 @@ class Baker:
         places = self.output.places(self.frames.places)
         self.write(places, counted(places, "baking", "frame"))
 
-    def write(self, places: Sequence[FramePlace], shown: Iterable[FramePlace]) -> None:
+    def refuse_replaced(self) -> None:
+        """Where warnings are errors, raise StrictError if a file of any frame that is baked would
+        be replaced; for a bake whose frames are written elsewhere, part by part."""
+        if self.warnings.refuses(FILES_REPLACED):
+            places = self.output.places(self.frames.places)
+            with FileWriters(self.engine.memory.limit) as writers:
+                self._refuse_replaced(self._record(), writers, places)
+
+    def write(
+        self,
+        places: Sequence[FramePlace],
+        shown: Iterable[FramePlace],
+        *,
+        checked: bool = False,
+    ) -> None:
         """Write the files of these frames that are missing or out of date.
 
         shown: the same frames. A frame is done, its files are there, when the next one is taken
         from `shown`; those after it may be drawn by then. Where this raises, files that are being
-        written are written to their end first, others that were drawn are not begun.
+        written are written to their end first, others that were drawn are not begun.  checked:
+        whether `refuse_replaced` has gone over all frames, on whatever machine.
         """
-        record = self.output.record(self.engine.tiles.drawn_by)
+        record = self._record()
         with FileWriters(self.engine.memory.limit) as writers:
-            if self.warnings.refuses(FILES_REPLACED):
+            if self.warnings.refuses(FILES_REPLACED) and not checked:
                 self._refuse_replaced(record, writers, places)
             upcoming, ahead = iter(places), deque[list[Future[int]]]()
             for _ in shown:
@@ -167,6 +182,9 @@ class Baker:
                 if file.exists() and not record.done(file, key):
                     self.warnings.replaces(file)
             self.engine.frames.delete(self.asset.id, place.label)
+
+    def _record(self) -> BakeRecord:
+        return self.output.record(self.engine.tiles.drawn_by)
 
     @cached_property
     def _sources(self) -> MapSources:

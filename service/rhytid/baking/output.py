@@ -198,8 +198,9 @@ class BakeRecord:
     one folder at once.
 
     path: file of this record.  others: files of the records of other parts, which are only read.
-    drawn_by: names what draws now; two devices of other names draw other bits. Safe from any
-    thread. Raises StorageError where a record is damaged.
+    drawn_by: names what draws now; two devices of other names draw other bits. A file is hashed
+    once, and again after it was written. Safe from any thread. Raises StorageError where a record
+    is damaged.
     """
 
     def __init__(self, path: Path, others: Iterable[Path] = (), drawn_by: str = "") -> None:
@@ -208,11 +209,13 @@ class BakeRecord:
         self._found = [self._maps, *(_load(other) for other in others if other != path)]
         self._names = {entry["key"]: name for maps in self._found for name, entry in maps.items()}
         self._lock = threading.Lock()
+        # By name: what `_identity` said of a file when it was hashed, and its SHA-256.
+        self._hashed: dict[str, tuple[Identity, str]] = {}
 
     def done(self, file: Path, key: str) -> bool:
         """Whether `file` is there as it was written for `key`."""
         digests = self._digests(file, key)
-        return bool(digests) and file.is_file() and StoredFile.read(file).sha256 in digests
+        return bool(digests) and file.is_file() and self._sha256(file) in digests
 
     def file_of(self, key: str) -> Path | None:
         """A file that was written for `key`, if there was one. It may be gone or damaged."""
@@ -243,10 +246,27 @@ class BakeRecord:
             with atomic_write(self._path) as aside:
                 write_file(aside, f"{text}\n".encode())
 
+    def _sha256(self, file: Path) -> str:
+        now = _identity(file)
+        before, digest = self._hashed.get(file.name, (None, ""))
+        if before != now:
+            digest = StoredFile.read(file).sha256
+            self._hashed[file.name] = now, digest
+        return digest
+
     def _digests(self, file: Path, key: str) -> set[str]:
         with self._lock:
             entries = [maps[file.name] for maps in self._found if file.name in maps]
         return {entry["sha256"] for entry in entries if entry["key"] == key}
+
+
+# What changes with the bytes of a file.
+Identity = tuple[int, int, int, int]
+
+
+def _identity(file: Path) -> Identity:
+    found = file.stat()
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def _origins_in(records: Iterable[Path]) -> set[Origin]:

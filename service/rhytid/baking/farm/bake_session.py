@@ -183,7 +183,8 @@ class BakeSession:
         with use_verbosity(_SILENT):
             places = baker.output.places(baker.frames.places)
             job.check_frames(places)
-            baker.write(places, _reporting(places, done))
+            # The machine that began the bake has looked at the files of all frames.
+            baker.write(places, _reporting(places, done), checked=True)
         counts = baker.written, baker.skipped, baker.replaced
         return ChunkReport(*counts, tuple(warnings.found), watch.seconds)
 

@@ -68,6 +68,7 @@ class DaskBake:
     def run(self) -> None:
         """Bake every frame. Raises what `Baker.run` does, with the address of the worker where that
         is the cause, and FarmError where the cluster does not work."""
+        self._baker.refuse_replaced()
         mine, ended = self._request.dask == LOCAL, False
         # The snapshot is beside the maps, where all workers find it.
         with shared_working_folder(self._out) as shared:
