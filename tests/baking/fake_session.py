@@ -83,7 +83,7 @@ class FakeSession:
                 raise StorageError("the disk failed")
             if number in self._job.full and not before:
                 raise MemoryError
-            done(f"{number:04d}")
+            done(f"{number:04d}", True)
         return len(chunk.numbers)
 
     def close(self) -> None:

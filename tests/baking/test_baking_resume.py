@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+import rhytid.baking.baker
 from baking.fake_engine import ASSET, FakeEngine
 from rhytid.baking.baker import Baker
 from rhytid.baking.frame_names import FramePlace, FrameRange
@@ -244,6 +245,22 @@ def test_a_strict_bake_over_what_is_there_hashes_each_file_once(
 
     assert (strict.written, strict.skipped) == (0, 4)
     assert sorted(hashed) == maps(tmp_path)
+
+
+def test_frames_that_are_there_do_not_count_for_the_time_left(
+    engine: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bake(engine, tmp_path, [0.5, 0.25, 0.75], part="1,3")
+    found = []
+
+    def counted(things: Sequence[FramePlace], *_: str, worked: Any) -> Iterator[FramePlace]:
+        for thing in things:
+            yield thing
+            found.append(worked())
+
+    monkeypatch.setattr(rhytid.baking.baker, "counted", counted)
+    bake(engine, tmp_path, [0.5, 0.25, 0.75])
+    assert found == [False, True, False]
 
 
 def test_a_file_that_changes_after_it_was_looked_at_is_not_done(

@@ -52,7 +52,8 @@ def test_a_session_closes_where_no_chunk_comes(tmp_path: Path) -> None:
     bake, _, worker = begun(tmp_path, FakeJob(tmp_path), 0.05)
 
     assert bake(Chunk((1, 2), "1-2")) == 2
-    assert worker.events == [{"chunk": "1-2", "frame": f"000{n}"} for n in (1, 2)]
+    told = {"chunk": "1-2", "worked": True}
+    assert worker.events == [{**told, "frame": f"000{n}"} for n in (1, 2)]
     by = time.monotonic() + 5
     while not closed(tmp_path) and time.monotonic() < by:
         time.sleep(0.01)

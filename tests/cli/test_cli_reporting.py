@@ -104,6 +104,19 @@ def test_what_comes_before_the_first_step_is_told_in_its_place(
     assert told == [first, second]
 
 
+@pytest.mark.parametrize(("seconds", "share"), [(10.0, 0.01), (1.0, 0.5), (10.0, 0.0)])
+def test_an_estimate_is_not_told_before_it_says_anything(
+    monkeypatch: pytest.MonkeyPatch, seconds: float, share: float
+) -> None:
+    clock = iter([0.0, seconds, 20.0])
+    monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
+    pace = console._Pace()
+    pace.reached(share)
+    assert pace.left(seconds) == ""
+    pace.reached(0.5)
+    assert pace.left(20.0) == ", 20 s left"
+
+
 def test_an_estimate_that_ran_out_is_told_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter([0.0, 10.0])
     monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
@@ -128,6 +141,20 @@ def test_a_slow_first_step_and_skipped_ones_do_not_count(monkeypatch: pytest.Mon
     for _ in range(89):
         steps.ended()
     assert steps.left() == ", 2 min left"
+
+
+def test_the_time_left_is_that_of_steps_that_had_anything_to_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Ten steps, of which six are done before: the others take 5 s each."""
+    clock = iter([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 5.6, 5.6])
+    monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
+    steps = console._Steps(10)
+    for _ in range(6):
+        steps.ended(worked=False)
+        assert steps.left() == ""
+    steps.ended()
+    assert steps.left() == ", 15 s left"
 
 
 @pytest.mark.parametrize(
@@ -170,9 +197,9 @@ def test_a_terminal_shows_a_bar_with_the_time_left(monkeypatch: pytest.MonkeyPat
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
     for _ in counted([1, 2, 3], "baking", "frame"):
-        time.sleep(0.12)
+        time.sleep(0.7)
     shown = terminal.getvalue()
-    assert re.search(r"baking:  67%.* 2/3 \[00:00<00:00", shown)
+    assert re.search(r"baking:  33%.* 1/3 \[00:00, 1 s left\]", shown)
     assert "rhytid: " not in shown
 
 

@@ -47,7 +47,8 @@ class Baker:
     """Draws the frames of one asset and writes them as files, by the engine of this process.
 
     written, skipped: number of files that were written, or were there already.  replaced: of those
-    written, how many took the place of a file that was not what is asked for.
+    written, how many took the place of a file that was not what is asked for.  worked: whether a
+    file of the last frame that is done was written.
     """
 
     engine: Engine
@@ -63,6 +64,7 @@ class Baker:
     written: int = 0
     skipped: int = 0
     replaced: int = 0
+    worked: bool = False
 
     def calibrate(self) -> None:
         """Set the range of the precomputed maps from the frame that stretches most. All frames
@@ -76,7 +78,7 @@ class Baker:
     def run(self) -> None:
         """Write every file that is missing or out of date."""
         places = self.output.places(self.frames.places)
-        self.write(places, counted(places, "baking", "frame"))
+        self.write(places, counted(places, "baking", "frame", worked=lambda: self.worked))
 
     def refuse_replaced(self) -> None:
         """Where warnings are errors, raise StrictError if a file of any frame that is baked would
@@ -110,7 +112,8 @@ class Baker:
                     if (place := next(upcoming, None)) is None:
                         break
                     ahead.append(self._frame(record, writers, place))
-                self.written += sum(done.result() for done in ahead.popleft())
+                written = sum(done.result() for done in ahead.popleft())
+                self.written, self.worked = self.written + written, written > 0
         if self.written:
             self.warnings.origins(self.output.origins(self._origin))
 

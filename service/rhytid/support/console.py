@@ -24,12 +24,16 @@ from rhytid.support.atomic_files import atomic_write, working_folder
 
 # In place of a file: results go to stdout.
 STDOUT = Path("-")
-_SHARE_FORMAT = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix}"
+_SHARE_FORMAT = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}{postfix}"
+_COUNT_FORMAT = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} [{elapsed}{postfix}]"
 _STEP_FORMAT = "{desc}: {elapsed}"
 # Seconds between lines where there is no terminal, and between two looks of a bar on one.
 _EVERY, _LOOK = 10.0, 1.0
 # Steps by which the time of the next ones is estimated.
 _LAST = 9
+# The share and the seconds after which a share says how long all of it takes. Before, what is done
+# once weighs too much, and so does what no step of the work has told yet.
+_TELLING_SHARE, _TELLING_SECONDS = 0.05, 2.0
 _STEP_TABLE = ("step", "times", "total s", "mean ms")
 
 
@@ -104,7 +108,10 @@ def share_bar(what: str) -> Iterator[Callable[[float, str], None]]:
         left = pace.left(seconds)
         return f"{what}: {100 * share:.0f} %{', ' if stage else ''}{stage}, {seconds:.0f} s{left}"
 
-    with _shown(line, total=1.0, desc=what, bar_format=_SHARE_FORMAT) as bar:
+    def beside(seconds: float) -> str:
+        return f"{last[1]}{pace.left(seconds)}".removeprefix(", ")
+
+    with _shown(line, beside, total=1.0, desc=what, bar_format=_SHARE_FORMAT) as bar:
 
         def show(share: float, stage: str) -> None:
             nonlocal last
@@ -114,36 +121,47 @@ def share_bar(what: str) -> Iterator[Callable[[float, str], None]]:
                 detail(f"{what}: {stage}, after {pace.seconds():.1f} s")
             last = share, stage
             pace.reached(share)
-            bar.set_postfix_str(stage, refresh=False)
+            bar.set_postfix_str(beside(pace.seconds()), refresh=False)
             bar.update(share - bar.n)
 
         yield show
 
 
-def counted(things: Sequence[Any], what: str, unit: str, opening: str = "") -> Iterable[Any]:
+def counted(
+    things: Sequence[Any],
+    what: str,
+    unit: str,
+    opening: str = "",
+    worked: Callable[[], bool] = lambda: True,
+) -> Iterable[Any]:
     """Yield the items, and show how many of them are done.
 
     what, unit: words of the line, as in "baking: frame 3 of 10".  opening: words in place of the
     number until the first item is done, where it is not the item itself that takes the time.
+    worked: asked when an item is done whether there was anything to do for it. The time that is
+    left is estimated from such items alone.
     """
     many, steps = len(things), _Steps(len(things))
 
     def line(seconds: float) -> str:
         return f"{what}: {step()}, {seconds:.0f} s{steps.left()}"
 
+    def beside(seconds: float) -> str:
+        return opening if opening and not steps.done else steps.left().removeprefix(", ")
+
     def step() -> str:
         if opening and not steps.done:
             return opening
         return f"{unit} {steps.done + 1} of {many}"
 
-    with _shown(line, total=many, desc=what, unit=unit) as bar:
+    with _shown(line, beside, total=many, desc=what, unit=unit, bar_format=_COUNT_FORMAT) as bar:
         bar.set_postfix_str(opening)
         for thing in things:
             if verbosity().for_job:
                 openjd_line("status", f"{what}: {step()}")
             yield thing
-            steps.ended()
-            bar.set_postfix_str("", refresh=False)
+            steps.ended(worked())
+            bar.set_postfix_str(beside(0.0), refresh=False)
             bar.update()
             if verbosity().for_job:
                 openjd_line("progress", f"{100 * steps.done / many:.1f}")
@@ -153,24 +171,31 @@ def counted(things: Sequence[Any], what: str, unit: str, opening: str = "") -> I
 def working(what: str) -> Iterator[None]:
     """Show how long a step takes that does not know its share."""
     detail(what)
-    with _shown(lambda s: f"{what}, {s:.0f} s", desc=what, bar_format=_STEP_FORMAT, leave=False):
+    bar = {"desc": what, "bar_format": _STEP_FORMAT, "leave": False}
+    with _shown(lambda s: f"{what}, {s:.0f} s", lambda s: "", **bar):
         yield
 
 
 @contextmanager
-def _shown(line: Callable[[float], str], **bar: Any) -> Iterator[_Bar]:
-    """A bar on a terminal; elsewhere a line that `line` makes of the seconds since the start. A
-    thread refreshes either, because a step may take long."""
+def _shown(
+    line: Callable[[float], str], beside: Callable[[float], str], **bar: Any
+) -> Iterator[_Bar]:
+    """A bar on a terminal; elsewhere lines. A thread refreshes either, because a step may take
+    long.
+
+    line, beside: make of the seconds since the start a line, and what stands behind a bar.
+    """
     terminal, silent = sys.stderr.isatty(), verbosity().quiet or verbosity().for_job
     ended, start = threading.Event(), time.monotonic()
     with nullcontext(_Bar()) if silent or not terminal else _drawn(bar) as shown:
 
         def tell() -> None:
             while not ended.wait(_LOOK if terminal else _EVERY):
+                seconds = time.monotonic() - start
                 if terminal:
-                    shown.refresh()
+                    shown.set_postfix_str(beside(seconds))
                 else:
-                    said = line(time.monotonic() - start)
+                    said = line(seconds)
                     print(f"rhytid: {said}", file=sys.stderr, flush=True)
 
         teller = threading.Thread(target=tell, daemon=True)
@@ -193,10 +218,7 @@ class _Bar:
         """Note that so much more is done."""
 
     def set_postfix_str(self, text: str, refresh: bool = True) -> None:
-        """Write a text behind the bar."""
-
-    def refresh(self) -> None:
-        """Draw the bar again."""
+        """Write a text behind the bar, and draw it again."""
 
 
 def _drawn(bar: dict[str, Any]) -> Any:
@@ -206,7 +228,8 @@ def _drawn(bar: dict[str, Any]) -> Any:
 
 
 class _Pace:
-    """Estimates how long the rest of the work will take, from the time and the share so far."""
+    """Estimates how long the rest of the work will take, from the time and the share so far; not
+    before these say anything."""
 
     def __init__(self) -> None:
         self._start, self._all = time.monotonic(), 0.0
@@ -217,30 +240,34 @@ class _Pace:
 
     def reached(self, share: float) -> None:
         """Record the share that is done, from 0 to 1."""
-        if share > 0:
-            self._all = self.seconds() / share
+        seconds = self.seconds()
+        if share >= _TELLING_SHARE and seconds >= _TELLING_SECONDS:
+            self._all = seconds / share
 
     def left(self, seconds: float) -> str:
-        """Words for the time that is left after so many seconds; empty before any share is done."""
+        """Words for the time that is left after so many seconds; empty before there is an
+        estimate."""
         return _left(self._all - seconds) if self._all else ""
 
 
 class _Steps:
-    """Estimates how long the rest of similar steps will take. It uses the median of the last steps:
-    the first one includes work that is done once, and steps that are skipped take no time."""
+    """Estimates how long the rest of similar steps will take. It uses the median of the last steps
+    that had anything to do: the first one includes work that is done once."""
 
     def __init__(self, many: int) -> None:
         self.done, self._many = 0, many
         self._last, self._start = deque[float](maxlen=_LAST), time.monotonic()
 
-    def ended(self) -> None:
-        """Record that a step is done, and that the next one begins."""
+    def ended(self, worked: bool = True) -> None:
+        """Record that a step is done, and that the next one begins.  worked: whether there was
+        anything to do."""
         now = time.monotonic()
-        self._last.append(now - self._start)
+        if worked:
+            self._last.append(now - self._start)
         self.done, self._start = self.done + 1, now
 
     def left(self) -> str:
-        """Words for the time that is left now; empty before a step is done."""
+        """Words for the time that is left now; empty before a step took time."""
         if not self._last:
             return ""
         from statistics import median  # which a command without steps need not import

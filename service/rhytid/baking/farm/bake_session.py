@@ -167,11 +167,12 @@ class BakeSession:
             opened.enter_context(prepared_in(Path(job.snapshot.path).parent, Path(job.out)))
             self._opened = opened.pop_all()
 
-    def bake(self, chunk: Chunk, done: Callable[[str], None]) -> ChunkReport:
+    def bake(self, chunk: Chunk, done: Callable[[str, bool], None]) -> ChunkReport:
         """Write the files of a chunk that are missing, and return a report that can be pickled.
 
-        done: called with the label of each frame when its files are there. An exception that it
-        raises ends the chunk between two frames. Raises what `Baker.write` does.
+        done: called with the label of each frame when its files are there, and whether one was
+        written. An exception that it raises ends the chunk between two frames. Raises what
+        `Baker.write` does.
         """
         watch, job = Stopwatch(), self._job
         warnings = UnprintedWarnings("bake", job.strict, job.allow)
@@ -184,7 +185,7 @@ class BakeSession:
             places = baker.output.places(baker.frames.places)
             job.check_frames(places)
             # The machine that began the bake has looked at the files of all frames.
-            baker.write(places, _reporting(places, done), checked=True)
+            baker.write(places, _reporting(baker, places, done), checked=True)
         counts = baker.written, baker.skipped, baker.replaced
         return ChunkReport(*counts, tuple(warnings.found), watch.seconds)
 
@@ -249,12 +250,14 @@ def _settings(store: Path) -> ServiceSettings:
     return replace(here, store=store, shared_store=None, build_seconds=None)
 
 
-def _reporting(places: Iterable[FramePlace], done: Callable[[str], None]) -> Iterator[FramePlace]:
+def _reporting(
+    baker: Baker, places: Iterable[FramePlace], done: Callable[[str, bool], None]
+) -> Iterator[FramePlace]:
     """Yield the frames. The label of each is reported when the next is asked for: its files are
     there by then."""
     for place in places:
         yield place
-        done(place.label)
+        done(place.label, baker.worked)
 
 
 @dataclass(frozen=True)

@@ -57,10 +57,12 @@ class WorkerUnable:
 
 @dataclass(frozen=True)
 class FrameDone:
-    """All files of a frame are there.  worker: address of the worker that said so."""
+    """All files of a frame are there.  worker: address of the worker that said so.  worked: whether
+    it had written one."""
 
     label: str
     worker: str
+    worked: bool = True
 
 
 @dataclass(frozen=True)

@@ -63,6 +63,7 @@ class DaskBake:
         self._out = request.out.resolve()
         self._numbers = inputs.numbers
         self._chunks: list[FrameRange] = []
+        self._worked = False
         self.figures = DaskFigures()
 
     def run(self) -> None:
@@ -96,7 +97,7 @@ class DaskBake:
             each = self._request.chunk or chunk_size(many, run.workers.slots())
             self._chunks = self._numbers.chunks(each)
             events = run.bake([Chunk(one.numbers, one.text()) for one in self._chunks])
-            for _ in counted(range(many), "baking", "frame", _OPENING):
+            for _ in counted(range(many), "baking", "frame", _OPENING, lambda: self._worked):
                 self._until_frame(events)
                 with suppress(OSError):  # so that no other bake takes the snapshot for abandoned
                     os.utime(Path(job.snapshot.path).parent)
@@ -110,6 +111,7 @@ class DaskBake:
         for event in events:
             if isinstance(event, FrameDone):
                 detail(f"frame {event.label} is there, by {event.worker}")
+                self._worked = event.worked
                 return
             if isinstance(event, WorkerLost):
                 note(f"rhytid: worker {event.address} has left; its frames go to another")

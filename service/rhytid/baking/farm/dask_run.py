@@ -114,11 +114,11 @@ class DaskRun:
             given = Assignment(chunk, self._frames_of(chunk), to)
             self._running[self._tasks.submit(chunk, to)] = given
 
-    def _frame(self, chunk: str, frame: str, worker: str) -> Iterator[Event]:
+    def _frame(self, chunk: str, frame: str, worker: str, worked: bool = True) -> Iterator[Event]:
         self.used.add(worker)
         if frame not in self._frames[chunk]:
             self._frames[chunk].add(frame)
-            yield FrameDone(frame, worker)
+            yield FrameDone(frame, worker, worked)
 
     def _ended(self, future: Future[Any]) -> Iterator[Event]:
         given = self._running.pop(future, None)

@@ -55,7 +55,7 @@ class DaskTasks:
     def __init__(self, cluster: Cluster, job: WorkerJob) -> None:
         self._cluster, self._job = cluster, packed(job)
         self._name = f"rhytid-bake-{uuid4().hex[:12]}"
-        self.events: SimpleQueue[dict[str, str] | Future[Any]] = SimpleQueue()
+        self.events: SimpleQueue[dict[str, Any] | Future[Any]] = SimpleQueue()
 
     def listen(self) -> None:
         """Begin to receive events of workers."""
@@ -125,7 +125,7 @@ class DaskTasks:
                 end_run, self._name, workers=workers, wait=wait, on_error="ignore"
             )
 
-    def _hear(self, event: tuple[float, dict[str, str]]) -> None:
+    def _hear(self, event: tuple[float, dict[str, Any]]) -> None:
         """Receive an event of a worker, to which Dask adds its address. Runs on a thread of the
         client."""
         self.events.put(event[1])

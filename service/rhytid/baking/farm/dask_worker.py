@@ -105,8 +105,9 @@ class HeldSession:
         self._unable = WorkerUnable(address, of_worker(error, address))
         return self._unable
 
-    def _done(self, chunk: Chunk, label: str) -> None:
-        self._worker.log_event(self._name, {"chunk": chunk.text, "frame": label})
+    def _done(self, chunk: Chunk, label: str, worked: bool) -> None:
+        told = {"chunk": chunk.text, "frame": label, "worked": worked}
+        self._worker.log_event(self._name, told)
         if self._stopped.is_set():
             raise CancelledError("the bake has ended")
 
