@@ -27,6 +27,7 @@ from rhytid.domain.wording import install_hint
 from rhytid.errors import InputError
 from rhytid.processes.interpreter import interpreter_ahead, possible
 from rhytid.support.console import verbosity
+from rhytid.support.garbage import tidy_at_rest
 from rhytid.support.logs import log_to_stderr
 from rhytid.support.settings import LOG_FORMATS, ServiceSettings, misspelt_variables
 
@@ -230,6 +231,7 @@ def _serve(
         with suppress(Terminated):  # SIGTERM ends a server
             by = settings.drain_seconds + LAST
             server = server_of(engine, settings, _log_level(), partial(_end_by, by))
+            tidy_at_rest(threading.Event())
             server.run(sockets=[listening])
 
 

@@ -42,11 +42,10 @@ from rhytid.processes.wire import (
 )
 from rhytid.storage.lock import known_by
 from rhytid.storage.snapshots import Snapshot
+from rhytid.support.garbage import tidy_at_rest
 from rhytid.support.heap import give_back_heap
 from rhytid.support.logs import log_to_stderr
 
-# Seconds between two times that free memory is given back, which takes milliseconds.
-_PAUSE = 30.0
 # Of prctl: the signal that comes when the parent ends.
 _PARENT_DIES = 1
 _log = logging.getLogger(__name__)
@@ -98,7 +97,8 @@ class _Process:
         self._engine = engine
         self._tell_builds(engine.jobs.builds())
         self._notify(Started(None))
-        _keep_giving_back(self._closing)
+        # glibc by itself gives back the end of a heap alone.
+        tidy_at_rest(self._closing, also=give_back_heap)
         self._closing.wait()
         engine.close()
         _exit(0)
@@ -225,14 +225,3 @@ def _exit(status: int) -> NoReturn:
         with suppress(OSError, ValueError, AttributeError):
             stream.flush()
     os._exit(status)
-
-
-def _keep_giving_back(end: threading.Event) -> None:
-    """Give what is free in heaps back to the system every so often, on a thread of its own: glibc
-    by itself gives back the end of a heap alone."""
-
-    def work() -> None:
-        while not end.wait(_PAUSE):
-            give_back_heap()
-
-    threading.Thread(target=work, name="rhytid-memory", daemon=True).start()
