@@ -92,6 +92,19 @@ def test_turn_turns_directions_left(device: Device) -> None:
     assert (turned[0][~there] == along[~there]).all()
 
 
+def test_main_lines_slant_to_the_right_of_preferred_ones(device: Device) -> None:
+    pores = sheets.scattered(device, sheets.sheet(), 0.05)
+    fields = (Fields(), Right("slant", np.radians(36.0)))
+    (along, left), slanting = (
+        Directions(0.05, np.random.default_rng(1), field).frames(pores, silent) for field in fields
+    )
+    there = pores.uv[:, 0] > 0.5
+    cosine, sine = np.cos(np.radians(36.0)), np.sin(np.radians(36.0))
+    wanted = cosine * along[there] - sine * left[there]
+    assert slanting[0][there] == pytest.approx(wanted, abs=1e-5)
+    assert (slanting[0][~there] == along[~there]).all()
+
+
 def test_without_anisotropy_walkers_go_every_way(device: Device) -> None:
     pores, edges = sheets.net(device, sheets.sheet(), 0.03)
     along, left = (np.tile(axis.astype(np.float32), (len(pores), 1)) for axis in np.eye(3)[:2])

@@ -28,6 +28,8 @@ from rhytid.synthesis.leader_families import (
     FROWN_RIGHT,
     LONGEST,
     PREFERRED,
+    RHOMBI,
+    RINGS,
     SHORTEST,
 )
 from rhytid.synthesis.leaders import LeaderPores, Leaders, leaders_of, unit_length
@@ -538,14 +540,28 @@ def off_a_line(height: np.ndarray) -> float:
     return float((height - np.polyval(np.polyfit(at, height, 1), at)).std())
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_a_neck_has_rings(device: Device, turned: bool) -> None:
+@cache
+def of_neck(device: Device, turned: bool) -> tuple[LeaderPores, float]:
+    """Pores on the leaders of a neck, and how many centimetres the unit of their places has."""
     mesh = cylinder(turned)
     count = len(mesh.positions)
     still = Folds(np.zeros((count, 6), np.float32), 0, {"neck": np.ones(count, np.float32)})
     leaders, pores = traced(device, mesh, still, spacing=0.05)
-    surface = leaders.courses.ground.surface
-    rings = [line * surface.scale for line in lines_of(pores)]
+    return pores, leaders.courses.ground.surface.scale
+
+
+def of_family(pores: LeaderPores, *numbers: int) -> LeaderPores:
+    """Those on leaders of families by their numbers."""
+    of = np.flatnonzero(np.isin(pores.family, numbers))
+    points, names = pores.points.take(of), ("line", "depth", "width", "profile", "family")
+    return replace(pores, points=points, **{name: getattr(pores, name)[of] for name in names})
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_neck_has_rings(device: Device, turned: bool) -> None:
+    every, scale = of_neck(device, turned)
+    pores = of_family(every, RINGS.number)
+    rings = [line * scale for line in lines_of(pores)]
     assert 6 <= len(rings) <= 20
     length = [np.linalg.norm(np.diff(ring, axis=0), axis=1).sum() for ring in rings]
     assert min(length) > 4.3
@@ -563,3 +579,48 @@ def test_a_neck_has_rings(device: Device, turned: bool) -> None:
         others = np.concatenate(rings[:i] + rings[i + 1 :])
         middle = ring[len(ring) // 4 : -len(ring) // 4]
         assert cKDTree(others).query(middle)[0].min() > 0.8
+
+
+def slants(pores: LeaderPores) -> np.ndarray:
+    """(N,) degrees to the left from the level direction, from each pore on a leader of a cylinder
+    to the next."""
+    found = []
+    for line in lines_of(pores):
+        way = np.diff(line, axis=0)
+        out = (line[1:] + line[:-1])[:, [0, 2]]
+        along = (way[:, 0] * out[:, 1] - way[:, 2] * out[:, 0]) / np.linalg.norm(out, axis=1)
+        found.append(np.degrees(np.arctan2(way[:, 1], along)))
+    return (np.concatenate(found) + 90.0) % 180.0 - 90.0
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_neck_has_rhombi(device: Device, turned: bool) -> None:
+    """Two families slant to either side of the level direction, uneven, and run on over rings."""
+    every, scale = of_neck(device, turned)
+    right, left = (of_family(every, family.number) for family in RHOMBI)
+    assert np.median(slants(right)) == pytest.approx(-34.0, abs=4.0)
+    assert np.median(slants(left)) == pytest.approx(34.0, abs=4.0)
+    for pores in (right, left):
+        lines = [line * scale for line in lines_of(pores)]
+        length = [np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines]
+        assert 0.6 < min(length) < 0.9
+        assert 1.8 < max(length) < 3.1
+        deepest = [pores.depth[pores.line == line].max() for line in np.unique(pores.line)]
+        assert np.percentile(deepest, 90) > 1.5 * np.percentile(deepest, 10)
+        middles = np.stack([line[len(line) // 2] for line in lines])
+        apart = cKDTree(middles).query(middles, k=2)[0][:, 1]
+        assert apart.std() > 0.25 * apart.mean()
+    rings = cKDTree(of_family(every, RINGS.number).points.position * scale)
+    near = rings.query(right.points.position * scale)[0] < 0.05
+    assert near.sum() > 50
+
+
+def test_rhombi_need_expressions_and_a_region_that_has_them() -> None:
+    triangle, uv = np.zeros(1, np.int32), np.full((1, 2), 0.2, np.float32)
+    surface, settings = Surface.of(MESH), GraphSettings(region="neck")
+    fold = FoldField(MESH, surface, folds())
+    assert fields_of(surface, settings, None, fold).rhombi(triangle, uv) == [1.0]
+    assert fields_of(surface, settings, None).rhombi(triangle, uv) == [0.0]
+    for other in ({"region": "face"}, {"anatomy": "coarse"}):
+        found = fields_of(surface, replace(settings, **other), None, fold)
+        assert found.rhombi(triangle, uv) == found.slant(triangle, uv) == [0.0]

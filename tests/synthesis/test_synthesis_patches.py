@@ -89,9 +89,10 @@ def test_deviation_is_in_proportion_to_patchiness() -> None:
     assert logs[1:] == pytest.approx([0.119, 0.236], rel=0.06)
 
 
-def test_lines_vary_as_far_as_the_patchiest_region_says() -> None:
-    """Swells end at MOST_DEVIATION; what is more than that, lines of the neck have to show."""
-    most = max(region.patchiness for region in REGIONS.values())
+def test_lines_vary_farther_than_swells() -> None:
+    """Swells end at MOST_DEVIATION; what is more than that, as with `graph.patches` 2 where
+    skin is patchy, lines have to show."""
+    most = 4.2
     triangle, uv = points()
     logs = [
         np.log(patches().factor("strength", amount * ones(len(uv)), triangle, uv) - LEAST).std()

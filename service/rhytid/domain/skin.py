@@ -57,14 +57,17 @@ class Region:
     """Factors of synthesis in a region; 1 is as on the whole face.
 
     density: of pores and wrinkles per area.  strength: of all weights.  pore_strength: once more of
-    the weights of pores.  turn: degrees by which lines turn left.  anisotropy: of how far lines
+    the weights of pores.  turn: degrees by which lines turn left.  slant: degrees by
+    which the main lines run to the right of that and of folds; half the angle between both families
+    lays their rhombi along these.  anisotropy: of how far lines
     keep to one direction.  bend: of how far lines wind.  scale: of the width of wrinkles.
     pore_radius: of the radius of pores.  contrast: power of the weights.  grain: of the micro
     relief between lines.  undulation: of the broad swells.  folded: power of what folds make of the
     strength of lines, primary ones too: below 1 skin that folds is smoother at rest.  patchiness:
     how far patches of some millimetres differ.  leading: of how far skin that folds has leaders, at
     any age.  crossed: of how far it has long level ones, too, whatever else folds it.  rings: how
-    far it has long soft lines around the vertical axis.  creases: how far it has upright ones close
+    far it has long soft lines around the vertical axis.  rhombi: how far it has lines of some
+    millimetres that slant to either side of the preferred ones and cross.  creases: how far it has upright ones close
     together, as lips do.  uneven: how far lines between leaders differ by chance from those beside
     them, and leaders stay as narrow with age.  event_patches: how far events that follow patches,
     as bumps do, are lower in quiet ones, and higher in lively ones.  old: what age makes of the
@@ -75,6 +78,7 @@ class Region:
     strength: float = 1.0
     pore_strength: float = 1.0
     turn: float = 0.0
+    slant: float = 0.0
     anisotropy: float = 1.0
     bend: float = 1.0
     scale: float = 1.0
@@ -87,6 +91,7 @@ class Region:
     leading: float = 1.0
     crossed: float = 0.0
     rings: float = 0.0
+    rhombi: float = 0.0
     creases: float = 0.0
     uneven: float = 0.0
     event_patches: float = 0.0
@@ -175,21 +180,24 @@ REGIONS: dict[str, Region] = {
         leading=0.9,
         old=Old(strength=1.6, scale=1.2, contrast=1.5, grain=1.8),
     ),
-    # A wide net of rhombi, longer than high, that age deepens as a whole; small pores. Lines and
-    # swells are well below the most they can be, so that lively patches stand out.
+    # A wide net of rhombi, longer than high, that age deepens as a whole; small pores. Both families
+    # slant: along the folds of a neck, which are level, and across them they were a fabric. Fine
+    # lines are faint between the rhombi, for strong ones were scales.
     "neck": Region(
         density=0.57,
-        strength=1.3,
-        anisotropy=0.5,
+        strength=0.85,
+        slant=36.0,
+        anisotropy=0.85,
         bend=0.5,
-        scale=0.8,
+        scale=0.68,
         pore_radius=0.7,
         grain=1.2,
         undulation=1.6,
         folded=0.35,
-        patchiness=4.2,
+        patchiness=1.15,
         leading=0.12,
         rings=1.0,
+        rhombi=1.0,
         event_patches=1.0,
         pore_strength=0.95,
         old=Old(
@@ -252,7 +260,9 @@ _COARSE: dict[str, dict[str, Any]] = {
     "neck": {
         "density": 0.8,
         "strength": 1.1,
+        "slant": 0.0,
         "anisotropy": 1.0,
+        "rhombi": 0.0,
         "pore_strength": 1.0,
         "scale": 1.0,
         "leading": 1.2,

@@ -109,6 +109,10 @@ class Fields:
         """How far skin has rings, long soft level lines: 0 to 1."""
         return np.zeros(len(triangle), np.float32)
 
+    def rhombi(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin has rhombi, slanting lines that cross: 0 to 1."""
+        return np.zeros(len(triangle), np.float32)
+
     def creases(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far skin has creases, upright lines close together: 0 to 1."""
         return np.zeros(len(triangle), np.float32)
@@ -127,6 +131,10 @@ class Fields:
 
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians by which the preferred direction turns left, seen from outside."""
+        return np.zeros(len(triangle), np.float32)
+
+    def slant(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Radians by which the main lines run to the right of the preferred direction."""
         return np.zeros(len(triangle), np.float32)
 
     def upright(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -216,6 +224,7 @@ class Directions:
             place = points.triangle[rows], points.uv[rows]
             bend = self._fields.bend(*place).astype(np.float32)
             angle = self._fields.turn(*place).astype(np.float32)
+            angle = angle - self._fields.slant(*place)
             angle = angle + bend * self._bend(points.position[rows])
             cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
             normal = points.normal[rows].astype(np.float64)

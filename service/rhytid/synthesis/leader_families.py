@@ -101,7 +101,7 @@ RINGS = Family(
     least=0.5,
     chance=(0.85, 0.45),
     broad=2.4,
-    deep=1.4,
+    deep=2.2,
     winding=((0.15, 14.0), (0.08, 5.0)),
     waves=((8.0, 7.0), (18.0, 16.0), (36.0, 30.0)),
     amplitude=0.38,
@@ -172,8 +172,30 @@ FANS = Family(
     crossed=False,
     takes=3.0,
 )
+# A neck has lines that slant to either side of the preferred ones and cross: rhombi that lie along
+# these, uneven in size and in strength.
+_SLANT = float(np.radians(34.0))
+RHOMBI = tuple(
+    Family(
+        lambda f, *place: f.rhombi(*place),
+        lambda f, *place, slant=slant: f.turn(*place) + np.float32(slant),
+        number=number,
+        shortest=7.0,
+        longest=30.0,
+        apart=1.7,
+        farther=1.8,
+        least=0.15,
+        chance=(0.5, 2.4),
+        broad=0.55,
+        deep=1.25,
+        winding=((0.2, 9.0), (0.16, 2.5)),
+        amplitude=0.33,
+        takes=1.2,
+    )
+    for number, slant in ((7, -_SLANT), (8, _SLANT))
+)
 # By number.
-FAMILIES = (PREFERRED, CROSSING, RINGS, FROWN_LEFT, FROWN_RIGHT, CREASES, FANS)
+FAMILIES = (PREFERRED, CROSSING, RINGS, FROWN_LEFT, FROWN_RIGHT, CREASES, FANS, *RHOMBI)
 # Those that come before the others.
 FIRST = tuple(family.number for family in (RINGS, FROWN_LEFT, FROWN_RIGHT, FANS))
 # Those that expressions leave behind.
@@ -191,6 +213,6 @@ def leading_of(
 ) -> Factors:
     """(N,) how far skin has leaders of families by their numbers (N,)."""
     found = leading_any_way(fields, triangle, uv)
-    for family in (RINGS, CREASES, FANS):
+    for family in (RINGS, CREASES, FANS, *RHOMBI):
         found = np.where(number == family.number, family.leading(fields, triangle, uv), found)
     return found

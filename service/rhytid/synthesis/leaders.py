@@ -19,7 +19,7 @@ from rhytid.support import cancellation
 from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.hashes import unit_intervals
 from rhytid.synthesis.leader_courses import Courses, starts
-from rhytid.synthesis.leader_families import CREASES, FAMILIES, RINGS, Family, leading_of
+from rhytid.synthesis.leader_families import CREASES, FAMILIES, RHOMBI, RINGS, Family, leading_of
 from rhytid.synthesis.pore_density import SPACING, spacings
 from rhytid.synthesis.seams.borders import NONE
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, unit
@@ -36,6 +36,8 @@ _PACE = 1.15
 _TAPER, _ENDS = 0.34, 0.5
 # Families to which others come as near as the smaller of both distances.
 _ALONE = (RINGS.number, CREASES.number)
+# Families whose lines keep no distance from lines of others: they run on over rings.
+_FREE = tuple(family.number for family in RHOMBI)
 # Points of a chosen line around which others are looked for at a time.
 _TOGETHER = 16
 # Runs of true values in an array of them: of a few tens, searched as text they are found soonest.
@@ -236,8 +238,10 @@ class _Beside:
         line, wishes = courses.line, courses.wishes
         self._reach, self._family = wishes.apart, wishes.family
         self._kind = np.where(np.isin(wishes.family, _ALONE), wishes.family, NONE)
+        self._of = wishes.family[line]
         self._apart, self._kinds = wishes.apart[line], self._kind[line]
         single = [family.number for family in FAMILIES if family.single]
+        self._free = np.isin(wishes.family, _FREE)[line]
         self._cut = ~np.isin(wishes.family, single)[line]
         # A tree whose points are left one after the other is not worth balancing.
         quick = {"balanced_tree": False, "compact_nodes": False}
@@ -252,6 +256,7 @@ class _Beside:
         alike = self._kinds[near] == self._kind[row]
         limit = np.minimum(self._apart[near], reach)
         limit = np.where(alike, np.maximum(limit, _BESIDE * reach), limit)
+        limit[self._free[near] & (self._of[near] != self._family[row])] = 0.0
         apart = self._position[near][:, None] - place
         along = np.einsum("mpx,px->mp", apart, way)
         distance = np.einsum("mpx,mpx->mp", apart, apart) + (_ALONG**2 - 1.0) * along**2

@@ -240,6 +240,12 @@ class PaintedFields(Fields):
             return super().rings(triangle, uv)
         return self._regions.factor("rings", triangle, uv)
 
+    def rhombi(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin has rhombi: of the regions, where folds are known, as rings."""
+        if self._folds is None:
+            return super().rhombi(triangle, uv)
+        return self._regions.factor("rhombi", triangle, uv)
+
     def creases(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far skin has creases: of the regions, not beyond the middle of their border. They
         are there from birth, and need no folds."""
@@ -274,6 +280,14 @@ class PaintedFields(Fields):
         if self._patches is not None:
             found += self._patches.turn(self._sway(triangle, uv), triangle, uv)
         return self._turned(found, triangle, uv)
+
+    def slant(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Radians by which the main lines run to the right of the preferred direction, folded or
+        not: of the regions, none where directions are painted."""
+        found: Factors = np.radians(self._regions.factor("slant", triangle, uv))
+        if self._directions is not None:
+            found *= 1.0 - self._directions.certainty(triangle, uv)
+        return found
 
     def upright(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians to the left from the level direction to creases: painted directions take the

@@ -25,6 +25,7 @@ from rhytid.synthesis.leader_families import (
     FAMILIES,
     FANS,
     PREFERRED,
+    RHOMBI,
     RINGS,
     leading_any_way,
     leading_of,
@@ -57,6 +58,8 @@ _OLD_NARROW = 0.7
 # The fan of a corner of the mouth is not there at 20, a hint at 35, and plain at 65, to which what
 # age makes of lines where skin folds adds more than this.
 _OLD_FAN, _YOUNG_FAN = 1.6, 8.0
+# Rhombi of the neck deepen with its region.
+_OLD_RHOMBI = 1.5
 _OLD_OTHERS, _OLD_UNEVEN, _YOUNG_OTHERS = 0.65, 0.3, 0.75
 # Powers of the size and of the profile of leaders at 65: small ones come up to the large ones, so
 # that more are seen, and they are deep for a little more of their length. More was slits.
@@ -81,7 +84,8 @@ _OLD_TAKES = 0.1
 _TAKES_MORE = np.array([family.takes - 1.0 for family in FAMILIES], np.float32)
 _STRIPS = np.array([family.strip for family in FAMILIES])
 _PAIR = [family.number for family in FAMILIES if family.single]
-_STEEP = [PREFERRED.number, *_PAIR]
+_RHOMBI = [family.number for family in RHOMBI]
+_STEEP = [PREFERRED.number, *_PAIR, *_RHOMBI]
 _TINY = np.float32(1e-6)
 # Pores on a leader would be beads on a string: of their depth is left.
 _BEADS = 0.6
@@ -273,8 +277,10 @@ def _sizes(
     pair, fan = np.isin(along.family, _PAIR), along.family == FANS.number
     old = np.where(pair, _OLD_PAIR, _OLD**even * _OLD_NARROW ** (1.0 - even))
     old, young = np.where(fan, _OLD_FAN, old), np.where(fan, _YOUNG_FAN, _YOUNG)
+    rhombi = np.isin(along.family, _RHOMBI)
+    old = np.where(rhombi, _OLD_RHOMBI, old)
     deepest = _DEEPEST * (old if worn > 0.0 else young) ** aged
-    comes = np.where(pair | fan | (along.family == RINGS.number), 0.0, aged)
+    comes = np.where(pair | fan | rhombi | (along.family == RINGS.number), 0.0, aged)
     shown = np.maximum(along.profile, _TINY)
     middle = deepest.astype(np.float32) * min(rank, 1.0) * along.depth * own / shown
     risen, profile = _older(along.depth / shown, along.profile, leading, comes)
