@@ -180,9 +180,9 @@ REGIONS: dict[str, Region] = {
         leading=0.9,
         old=Old(strength=1.6, scale=1.2, contrast=1.5, grain=1.8),
     ),
-    # A wide net of rhombi, longer than high, that age deepens as a whole; small pores. Both families
-    # slant: along the folds of a neck, which are level, and across them they were a fabric. Fine
-    # lines are faint between the rhombi, for strong ones were scales.
+    # A wide net of rhombi, longer than high, that age deepens as a whole; small pores. Both
+    # families slant: along the folds of a neck, which are level, and across them they were a
+    # fabric. Fine lines are faint between the rhombi, for strong ones were scales.
     "neck": Region(
         density=0.57,
         strength=0.85,
