@@ -57,21 +57,20 @@ class Region:
     """Factors of synthesis in a region; 1 is as on the whole face.
 
     density: of pores and wrinkles per area.  strength: of all weights.  pore_strength: once more of
-    the weights of pores.  turn: degrees by which lines turn left.  slant: degrees by
-    which the main lines run to the right of that and of folds; half the angle between both families
-    lays their rhombi along these.  anisotropy: of how far lines
-    keep to one direction.  bend: of how far lines wind.  scale: of the width of wrinkles.
-    pore_radius: of the radius of pores.  contrast: power of the weights.  grain: of the micro
-    relief between lines.  undulation: of the broad swells.  folded: power of what folds make of the
-    strength of lines, primary ones too: below 1 skin that folds is smoother at rest.  patchiness:
-    how far patches of some millimetres differ.  leading: of how far skin that folds has leaders, at
-    any age.  crossed: of how far it has long level ones, too, whatever else folds it.  rings: how
-    far it has long soft lines around the vertical axis.  rhombi: how far it has lines of some
-    millimetres that slant to either side of the preferred ones and cross.  creases: how far it has upright ones close
-    together, as lips do.  uneven: how far lines between leaders differ by chance from those beside
-    them, and leaders stay as narrow with age.  event_patches: how far events that follow patches,
-    as bumps do, are lower in quiet ones, and higher in lively ones.  old: what age makes of the
-    others.
+    the weights of pores.  turn: degrees by which lines turn left.  slant: degrees by which the main
+    lines run to the right of that and of folds; half the angle between both families lays their
+    rhombi along these.  anisotropy: of how far lines keep to one direction.  bend: of how far lines
+    wind.  scale: of the width of wrinkles.  pore_radius: of the radius of pores.  contrast: power
+    of the weights.  grain: of the micro relief between lines.  undulation: of the broad swells.
+    folded: power of what folds make of the strength of lines, primary ones too: below 1 skin that
+    folds is smoother at rest.  patchiness: how far patches of some millimetres differ.  leading: of
+    how far skin that folds has leaders, at any age.  crossed: of how far it has long level ones,
+    too, whatever else folds it.  rings: how far it has long soft lines around the vertical axis.
+    rhombi: how far it has lines of some millimetres that slant to either side of the preferred ones
+    and cross.  creases: how far it has upright ones close together, as lips do.  uneven: how far
+    lines between leaders differ by chance from those beside them, and leaders stay as narrow with
+    age.  event_patches: how far events that follow patches, as bumps do, are lower in quiet ones,
+    and higher in lively ones.  old: what age makes of the others.
     """
 
     density: float = 1.0
