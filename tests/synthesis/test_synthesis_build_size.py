@@ -12,10 +12,11 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.synthesis import build_size
-from rhytid.synthesis.build_size import LESS, BuildSize
+from rhytid.synthesis.build_size import LESS, BuildSize, shares_of_time
 from rhytid.synthesis.capacity import check_amount
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.seams import charts
+from rhytid.synthesis.seams.charts import neighbours
 from synthesis import sheets
 
 MOST = 1 << 62
@@ -69,8 +70,22 @@ def test_a_body_in_pores_of_a_face_is_told_to_be_long() -> None:
 def test_seams_take_time_and_open_rims_do_not() -> None:
     whole, tube = (BuildSize.of(mesh, 10_000) for mesh in (sheets.sheet(), sheets.tube()))
     assert tube.seconds > 1.2 * whole.seconds
-    assert build_size._measured(sheets.sheet())[1] == 0.0
-    assert build_size._measured(sheets.tube())[1] > 0.0
+    for mesh, seams in ((sheets.sheet(), False), (sheets.tube(), True)):
+        assert (build_size._measured(mesh, neighbours(mesh))[1] > 0.0) == seams
+
+
+def test_what_is_done_once_takes_a_smaller_share_of_more_wrinkles() -> None:
+    shares = {}
+    for mesh, seams in ((sheets.sheet(), False), (sheets.tube(), True)):
+        across = neighbours(mesh)
+        for wrinkles in (10_000, 1_000_000):
+            beginning, copying = shares_of_time(mesh, across, wrinkles)
+            shares[seams, wrinkles] = beginning
+            assert (copying > 0.0) == seams
+            assert 0.0 < beginning + copying < 1.0
+    assert shares[False, 10_000] > 0.9
+    assert shares[False, 1_000_000] < 0.15
+    assert shares[True, 10_000] < shares[False, 10_000]
 
 
 @pytest.mark.parametrize(

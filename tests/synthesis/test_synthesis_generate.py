@@ -13,6 +13,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import CancelledError, MeshError
+from rhytid.synthesis.build_size import shares_of_time
 from rhytid.synthesis.generate import Synthesis, synthesize
 from rhytid.synthesis.seams.charts import neighbours, trace
 from rhytid.synthesis.statistics import statistics
@@ -140,9 +141,21 @@ def test_progress_rises_to_one_and_can_cancel(device: Device) -> None:
 def test_progress_goes_on_over_seams(device: Device) -> None:
     """Where there are many, copies over them take longest."""
     seen: list[tuple[float, str]] = []
-    synthesize(sheets.tube(), wanted(500), device, lambda *report: seen.append(report))
-    late = {fraction for fraction, stage in seen if stage == "shapes" and fraction > 0.93}
+    tube = sheets.tube()
+    synthesize(tube, wanted(500), device, lambda *report: seen.append(report))
+    copying = shares_of_time(tube, neighbours(tube), 500)[1]
+    late = {at for at, stage in seen if stage == "shapes" and at > 1.0 - copying - 1e-9}
     assert len(late) > 2
+
+
+def test_progress_begins_with_the_share_of_what_is_done_once(device: Device) -> None:
+    """Else an estimate of the time left is many times too long."""
+    seen: list[tuple[float, str]] = []
+    mesh = sheets.sheet()
+    synthesize(mesh, wanted(3000), device, lambda *report: seen.append(report))
+    begun = shares_of_time(mesh, neighbours(mesh), 3000)[0]
+    assert [at for at, _ in seen if 0.0 < at < begun] == []
+    assert seen[1] == (pytest.approx(begun), "pores")
 
 
 @pytest.mark.parametrize("make", [sheets.sheet, sheets.tube, sheets.with_hole])

@@ -18,7 +18,7 @@ from rhytid.synthesis.leaders import unit_length
 from rhytid.synthesis.lines import Lines, ends_of, joins_of
 from rhytid.synthesis.perioral import PerioralLines
 from rhytid.synthesis.pore_density import Usual
-from rhytid.synthesis.progress import Progress, over_block, over_rows, part, row_blocks
+from rhytid.synthesis.progress import Progress, over_block, over_rows, row_blocks
 from rhytid.synthesis.ranks import RankedLines, Ranks, calm_of, unevenness
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.charts import trace
@@ -76,18 +76,18 @@ class GraphParts:
     seed: int
     events: Events | None = None
 
-    def arrays(self, progress: Progress) -> Arrays:
+    def arrays(self, progress: Progress, copying: Progress) -> Arrays:
         """The arrays of the graph: pores and lines with sizes and weights, and copies of those that
-        reach over a seam. Nodes beyond a border are as large as their pore and are not drawn."""
+        reach over a seam, which have a progress of their own. Nodes beyond a border are as large as
+        their pore and are not drawn."""
         ground, pores, lines, fields = self.ground, self.pores, self.lines, self.ground.fields
-        of_lines = part(progress, 0.0, 0.5)
-        weight, factor, half_width, width = self._sizes_of_lines(of_lines)
-        of_lines(0.4, "shapes")
+        weight, factor, half_width, width = self._sizes_of_lines(progress)
+        progress(0.4, "shapes")
         drawn_strength = weight[: lines.whole].copy()
         _scale(weight, factor)
         del factor
-        depth, metric, radius = self._shapes_of_pores(drawn_strength, of_lines)
-        of_lines(0.8, "shapes")
+        depth, metric, radius = self._shapes_of_pores(drawn_strength, progress)
+        progress(0.8, "shapes")
         none = np.zeros(len(lines.owner), np.float32)
         ranks = self.strengths.ranks
         leads = None if ranks is None else ranks.leads[lines.edge]
@@ -104,7 +104,7 @@ class GraphParts:
             width *= narrower
             half_width *= narrower
         shares = self._shares(weight, width)  # what else there is of the graph comes after it
-        of_lines(0.9, "shapes")
+        progress(0.9, "shapes")
         ends = ends_of(lines, joins, weight, half_width, width)
         del joins, width
         arrays = {
@@ -132,7 +132,7 @@ class GraphParts:
         least = self.spacing * min(fields.least_spacing, _CLOSEST)
 
         def over_seams(fraction: float, stage: str) -> None:
-            progress(0.5 + 0.5 * fraction, "shapes")
+            copying(fraction, "shapes")
 
         arrays = with_copies(arrays, ground.surface, self.borders, least, over_seams)
         return arrays | _of_nodes(arrays, beside)

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.mesh import Mesh
@@ -19,6 +20,8 @@ from rhytid.synthesis.seams.charts import BORDER, SIDES, neighbours
 # GB. Along UV seams wrinkles are copied: a spacing of seam takes 2 to 13 ms more.
 _SECONDS, _A_WRINKLE, _A_SEAM_SPACING = 1.0, 9.5e-6, 8e-3
 _BYTES, _BYTES_A_WRINKLE = 0.6e9, 210.0
+# Seconds before the first pore: of leaders, and of where skin folds.
+_BEGINNING = 1.2
 # From this time on it is said how to have less.
 LONG = 600.0
 LESS = "mask the face or raise the spacing for less"
@@ -95,11 +98,9 @@ class BuildSize:
     @classmethod
     def of(cls, mesh: Mesh, wrinkles: int) -> BuildSize:
         """The estimate for so many wrinkles on a mesh."""
-        area, seams = _measured(mesh)
-        pores = wrinkles / EDGES_PER_PORE
-        spacing = SPACING * np.sqrt(PACKING * area / max(pores, 1.0))
-        seconds = _SECONDS + _A_WRINKLE * wrinkles + _A_SEAM_SPACING * seams / spacing
-        return cls(wrinkles, round(pores), float(seconds), _BYTES + _BYTES_A_WRINKLE * wrinkles)
+        seconds = _SECONDS + _A_WRINKLE * wrinkles + _copying(mesh, neighbours(mesh), wrinkles)
+        nbytes = _BYTES + _BYTES_A_WRINKLE * wrinkles
+        return cls(wrinkles, round(wrinkles / EDGES_PER_PORE), seconds, nbytes)
 
     @property
     def is_long(self) -> bool:
@@ -118,12 +119,30 @@ class BuildSize:
         return f"{told}; {LESS}" if self.is_long else told
 
 
-def _measured(mesh: Mesh) -> tuple[float, float]:
+def shares_of_time(mesh: Mesh, across: NDArray[np.integer], wrinkles: int) -> tuple[float, float]:
+    """The shares of the time of a synthesis that pass before the first pore, and in copying over
+    seams.
+
+    across (F, 3): the `neighbours` of the mesh.
+    """
+    copying = _copying(mesh, across, wrinkles)
+    whole = _BEGINNING + _A_WRINKLE * wrinkles + copying
+    return _BEGINNING / whole, copying / whole
+
+
+def _copying(mesh: Mesh, across: NDArray[np.integer], wrinkles: int) -> float:
+    """Seconds in which so many wrinkles are copied along seams."""
+    area, seams = _measured(mesh, across)
+    spacing = SPACING * np.sqrt(PACKING * area / max(wrinkles / EDGES_PER_PORE, 1.0))
+    return float(_A_SEAM_SPACING * seams / spacing)
+
+
+def _measured(mesh: Mesh, across: NDArray[np.integer]) -> tuple[float, float]:
     """The area of a mesh, and the length of its UV seams on the surface."""
     corners = mesh.positions[mesh.faces].astype(np.float64)
     a, b, c = np.moveaxis(corners, 1, 0)
     area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
-    triangle, side = np.nonzero(neighbours(mesh) == BORDER)
+    triangle, side = np.nonzero(across == BORDER)
     ends = corners[triangle[:, None], SIDES[side]]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     # Both triangles at a seam have its side, at the rim of the surface one has.

@@ -75,15 +75,15 @@ class CandidateGraph:
         """Pores at least `radius` apart, around those that are there first, each joined to its
         `count` nearest."""
         work, surface, fields = ground.work, ground.surface, ground.fields
-        scattering = part(progress, 0.0, 0.64)
+        scattering = part(progress, 0.0, 0.48)
         pores, at = scatter_around(work, surface, radius, seed, scattering, fields, first)
-        joining, crossing = part(progress, 0.64, 0.79), part(progress, 0.79, 0.97)
+        joining, crossing = part(progress, 0.48, 0.66), part(progress, 0.66, 0.99)
         edges, nearest = candidates(
             work, surface, ground.across, pores, radius, count, joining, fields
         )
         lattice = Lattice.absolute(radius, *surface.extent)
         found = crossings(work, pores, edges.nodes, edges.length, crossing, lattice)
-        progress(0.97, "crossings")
+        progress(0.99, "crossings")
         return cls(
             pores, edges, found, lattice, LENGTH * radius, edges_per_pore(count), at, nearest
         )
