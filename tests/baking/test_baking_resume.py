@@ -376,14 +376,35 @@ def test_parts_that_two_devices_draw_are_told(engine: FakeEngine, tmp_path: Path
     assert mixed(bake(engine, tmp_path, values, part="2")) == ["devices-mixed"]
 
 
-def test_frames_by_two_methods_are_told(engine: FakeEngine, tmp_path: Path) -> None:
+@pytest.mark.parametrize("profiles", [["float"], ["half", "png16"]])
+def test_a_map_is_found_in_its_frame_by_its_name(
+    profiles: list[str], engine: FakeEngine, tmp_path: Path
+) -> None:
+    values = [0.5, 0.25, 0.75]
+    bake(engine, tmp_path, values, profiles=profiles)
+    part = bake(engine, tmp_path, values, profiles=profiles, method="binned", part="2-3")
+    entry = {"key": "", "sha256": "", "method": "convolved"}
+    others = dict.fromkeys(("face.0001.glb", "face.normal-dx.0003.1001.png"), entry)
+    (tmp_path / "face.bake.9.json").write_text(json.dumps({"maps": others}))
+    found = part.output.by_method(part.frames.places)
+    assert {name: frames.text() for name, frames in found.items()} == {
+        "binned": "2-3", "convolved": "1,3", "redraw": "1",
+    }  # fmt: skip
+
+
+def test_frames_by_two_methods_are_told(
+    engine: FakeEngine, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     values = [0.5, 0.25, 0.75]
 
     def told(method: str, **part: str) -> list[str]:
         return mixed(bake(engine, tmp_path, values, method=method, **part))
 
     assert told("redraw") == []
+    capsys.readouterr()
     assert told("binned", part="2") == ["methods-mixed"]
+    which = "maps are by binned (frames 2) and redraw (frames 1,3), as --frame-range takes them"
+    assert which in capsys.readouterr().err
     by = {
         name: one["method"]
         for record in ("face.bake.json", "face.bake.2.json")

@@ -115,7 +115,8 @@ class Baker:
                 written = sum(done.result() for done in ahead.popleft())
                 self.written, self.worked = self.written + written, written > 0
         if self.written:
-            self.warnings.origins(self.output.origins(self._origin))
+            by_method = partial(self.output.by_method, self.frames.places)
+            self.warnings.origins(self.output.origins(self._origin), by_method)
 
     def first_maps(self) -> tuple[Texels, Iterator[tuple[int, Texels]]]:
         """The first frame that is baked: its positions, and its maps by UDIM, each drawn when it is

@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 import hashlib
 import json
+import re
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -14,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rhytid.baking.frame_names import FramePlace, FrameRange
+from rhytid.baking.frame_names import FramePlace, FrameRange, frame_numbers
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.wording import plural
 from rhytid.errors import StorageError
@@ -98,11 +99,34 @@ class Output:
         marks = {*self.folder.glob(f"{name}.device.*.json")} - {mark}
         if not marks:
             return {now}
-        found = {now, *_origins_in(self.folder.glob(f"{name}.bake*.json"))}
+        found = {now, *self._origin_of_each().values()}
         if all(now.has(one) for one in found):
             for one in marks:
                 one.unlink(missing_ok=True)
         return found
+
+    def by_method(self, frames: Sequence[FramePlace]) -> dict[str, FrameRange]:
+        """The numbers of the frames that have maps by each method, by all records.  frames: of the
+        animation."""
+        numbers = dict(zip((one.label for one in frames), frame_numbers(frames), strict=True))
+        patterns = [profile.pattern(self.name) for profile in PROFILES.values()]
+        named = re.compile("|".join(map(_names_like, [*patterns, f"{self.name}.<FRAME>.<ANY>"])))
+        found: dict[str, set[int]] = {}
+        for file, origin in self._origin_of_each().items():
+            match = named.fullmatch(file)
+            label = next(filter(None, match.groups()), "") if match else ""
+            if origin.method and label in numbers:
+                found.setdefault(origin.method, set()).add(numbers[label])
+        return {method: FrameRange.of(them) for method, them in sorted(found.items())}
+
+    def _origin_of_each(self) -> dict[str, Origin]:
+        """What drew each map, by its name. Where several records have a map, the latest counts."""
+        records = self.folder.glob(f"{glob.escape(self.name)}.bake*.json")
+        return {
+            name: Origin(entry["drawn_by"], entry["method"])
+            for record in sorted(records, key=lambda path: path.stat().st_mtime_ns)
+            for name, entry in _load(record).items()
+        }
 
     def leave_mark(self, now: Origin) -> Path:
         """The file that names the device and the method that draw now, written where it is not
@@ -269,13 +293,10 @@ def _identity(file: Path) -> Identity:
     return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 
 
-def _origins_in(records: Iterable[Path]) -> set[Origin]:
-    """What drew the maps in these records. Where several records have a map, the latest counts."""
-    found: dict[str, Origin] = {}
-    for record in sorted(records, key=lambda path: path.stat().st_mtime_ns):
-        for name, entry in _load(record).items():
-            found[name] = Origin(entry["drawn_by"], entry["method"])
-    return {*found.values()}
+def _names_like(pattern: str) -> str:
+    """A regular expression of the names of a pattern, with a group for the label of the frame."""
+    parts = {"<UDIM>": "[0-9]{4}", "<FRAME>": "(.+)", "<ANY>": "[a-z]+"}
+    return "".join(parts.get(part, re.escape(part)) for part in re.split("(<[A-Z]+>)", pattern))
 
 
 def _load(path: Path) -> dict[str, dict[str, str]]:

@@ -4,7 +4,7 @@ them."""
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,8 +32,11 @@ from rhytid.support.console import counted, note, print_above
 
 if TYPE_CHECKING:
     # A check needs none of what writes maps.
+    from rhytid.baking.frame_names import FrameRange
     from rhytid.baking.output import Origin
 
+# Characters of a range of frames that are told.
+_LONGEST = 120
 # Lines printed per code: for a long shot in the wrong unit three frames are enough.
 _LINES = 3
 
@@ -105,17 +108,25 @@ class RunWarnings:
         self.add([InputWarning(FILES_REPLACED, detail, "the bake")])
         self.refuse()
 
-    def origins(self, found: Collection[Origin]) -> None:
+    def origins(
+        self, found: Collection[Origin], by_method: Callable[[], Mapping[str, FrameRange]]
+    ) -> None:
         """Warn where several devices or methods drew the maps of one bake, as `Output.origins` has
-        them. Raises StrictError."""
+        them.  by_method: gives the frames of each. Raises StrictError."""
         devices, methods = ({*names} - {""} for names in zip(*found, strict=True))
         if len(devices) > 1:
             listed = " and ".join(sorted(devices))
             detail = f"maps were drawn by {listed}, whose last bits differ"
             self.add([InputWarning(DEVICES_MIXED, detail, "the bake")])
         if len(methods) > 1:
-            listed = " and ".join(sorted(methods))
-            detail = f"some maps are by {listed}: the records *.bake*.json name the method of each"
+            each = [
+                f"{method} (frames {_short(frames.text())})"
+                for method, frames in by_method().items()
+            ]
+            detail = (
+                f"maps are by {' and '.join(each)}, as --frame-range takes them; the records "
+                "*.bake*.json name the method of each"
+            )
             self.add([InputWarning(METHODS_MIXED, detail, "the bake")])
         self.refuse()
 
@@ -188,3 +199,10 @@ class RunWarnings:
 
 def _count(warnings: Sequence[InputWarning]) -> str:
     return plural(len(warnings), "warning")
+
+
+def _short(text: str) -> str:
+    """The beginning of a long list."""
+    if len(text) <= _LONGEST:
+        return text
+    return f"{text[:_LONGEST].rpartition(',')[0]},…"

@@ -308,7 +308,8 @@ WARNINGS: dict[str, Meaning] = {
         "a bake",
         (
             "its maps are by several methods: some frames were baked before by another one, and "
-            "differ in more than last bits; `NAME.bake.json` says for each map which"
+            "differ in more than last bits; the text names the frames of each, and "
+            "`NAME.bake.json` says for each map which"
         ),
         "bake the other frames by the same `--method`, or into another folder",
     ),

@@ -23,6 +23,7 @@ from rhytid.baking.frame_names import FramePlace, FrameRange
 from rhytid.baking.inputs import BakeInputs
 from rhytid.baking.request import LOCAL, BakeRequest
 from rhytid.device.select import candidates
+from rhytid.domain.warnings import METHODS_MIXED, InputWarning
 from rhytid.support.atomic_files import READABLE, shared_working_folder, sweep, write_pieces
 from rhytid.support.console import counted, detail, note, verbosity, working
 from rhytid.support.temporary_folders import temporary_folder
@@ -64,6 +65,7 @@ class DaskBake:
         self._numbers = inputs.numbers
         self._chunks: list[FrameRange] = []
         self._worked = False
+        self._mixed: InputWarning | None = None
         self.figures = DaskFigures()
 
     def run(self) -> None:
@@ -102,6 +104,8 @@ class DaskBake:
                 with suppress(OSError):  # so that no other bake takes the snapshot for abandoned
                     os.utime(Path(job.snapshot.path).parent)
             self._until_frame(events)  # the last chunk ends after its last frame
+        # Chunks that ended before the last one did not know all frames.
+        self._baker.warnings.add([] if self._mixed is None else [self._mixed])
         self.figures.tasks = len(self._chunks)
         self.figures.workers = len(run.used)
         self.figures.lost = len(run.used & run.workers.lost)
@@ -128,7 +132,9 @@ class DaskBake:
         for step, seconds in report.seconds.items():
             for one in seconds:
                 baker.watch.add(step, one)
-        baker.warnings.add(report.warnings)
+        mixed = [one for one in report.warnings if one.code == METHODS_MIXED]
+        self._mixed = mixed[-1] if mixed else self._mixed
+        baker.warnings.add(one for one in report.warnings if one.code != METHODS_MIXED)
 
     def _places(self) -> list[FramePlace]:
         """The frames that are baked."""
