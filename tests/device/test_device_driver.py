@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -157,6 +158,34 @@ def test_a_lock_that_others_take_in_turns_is_theirs(monkeypatch, tmp_path):
     monkeypatch.setattr(caches.time, "sleep", taken_anew)
     caches.free_programs()
     assert lock.exists()
+
+
+def test_the_files_of_drivers_stay_for_the_next_start(tmp_path, monkeypatch):
+    """A process that is killed leaves none of its own."""
+    system, kept = tmp_path / "system", tmp_path / "cache"
+    system.mkdir()
+    (system / "pocl.icd").write_text("libpocl.so\n")
+    monkeypatch.setattr(loader, "SYSTEM_VENDORS", system)
+    first = loader._vendor_folder(Path("/pip/libintelocl.so"), kept)
+    held = {file.name: file.read_text() for file in first.iterdir()}
+    assert held == {"pocl.icd": "libpocl.so\n", "intel-cpu.icd": "/pip/libintelocl.so\n"}
+    (first / "pocl.icd").write_text("damaged")
+    (first / "intel-cpu.icd").unlink()
+    assert loader._vendor_folder(Path("/pip/libintelocl.so"), kept) == first
+    assert {file.name: file.read_text() for file in first.iterdir()} == held
+    other = loader._vendor_folder(Path("/other/libintelocl.so"), kept)
+    assert other != first
+    assert other.is_relative_to(kept)
+
+
+def test_the_files_of_drivers_go_with_a_process_that_has_no_cache(tmp_path, monkeypatch):
+    made = []
+    monkeypatch.setattr(loader.tempfile, "mkdtemp", lambda prefix: str(tmp_path / prefix))
+    monkeypatch.setattr(loader, "removed_at_exit", lambda folder: made.append(folder) or folder)
+    (tmp_path / "cache").write_text("no folder")
+    for kept in (None, tmp_path / "cache"):
+        found = loader._vendor_folder(Path("/pip/libintelocl.so"), kept)
+        assert found == made.pop() == tmp_path / "rhytid-opencl-"
 
 
 @pytest.fixture

@@ -25,15 +25,16 @@ _LOCKS = "pyopencl/pyopencl-compiler-cache-*/lock"
 _HELD, _LOOK = 1.0, 0.02
 
 
-def provide_cache_folder() -> None:
-    """Set XDG_CACHE_HOME to a folder of our own where kernels could not be kept otherwise.
+def provide_cache_folder() -> Path | None:
+    """Set XDG_CACHE_HOME to a folder of our own where kernels could not be kept otherwise; returns
+    the folder of caches, None off Linux.
 
     Where no folder at all can be written, tell pyopencl to keep none.
     """
     # Else pyopencl raises a KeyError where its cache fails, as it may beside other processes.
     os.environ.setdefault("PYOPENCL_CACHE_FAILURE_FATAL", "")
     if sys.platform != "linux":
-        return
+        return None
     usual = _usual_folder()
     folder = usual if usual is not None and _keeps(usual) else _own_folder()
     if folder is None:
@@ -42,6 +43,7 @@ def provide_cache_folder() -> None:
         folder != usual or "HOME" not in os.environ
     ):  # PoCL does not look up the home folder by itself
         os.environ["XDG_CACHE_HOME"] = str(folder)
+    return folder
 
 
 def free_programs() -> None:

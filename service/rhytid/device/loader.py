@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import sys
 import tempfile
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from rhytid.device.caches import provide_cache_folder
@@ -13,6 +16,8 @@ from rhytid.support.temporary_folders import removed_at_exit
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 # A pip driver for FPGA emulation is installed with the one for CPUs; it is ignored.
 _CPU_DRIVER = "intel-cpu.icd"
+# Of the folder of caches.
+_KEPT = "rhytid-opencl"
 
 
 def prepare_loader() -> None:
@@ -27,10 +32,10 @@ def prepare_loader() -> None:
     """
     prefix = Path(sys.prefix)
     driver = pip_driver(prefix)
+    kept = provide_cache_folder()
     if driver is not None and sys.platform == "linux" and "OCL_ICD_VENDORS" not in os.environ:
-        os.environ["OCL_ICD_VENDORS"] = _vendor_folder(driver)
+        os.environ["OCL_ICD_VENDORS"] = str(_vendor_folder(driver, kept))
     _pin_pocl()
-    provide_cache_folder()
 
 
 def _pin_pocl() -> None:
@@ -54,9 +59,33 @@ def pip_driver(prefix: Path) -> Path | None:
     return next((path for path in candidates if path.is_absolute() and path.is_file()), None)
 
 
-def _vendor_folder(driver: Path) -> str:
-    folder = removed_at_exit(Path(tempfile.mkdtemp(prefix="rhytid-opencl-")))
-    for entry in sorted(SYSTEM_VENDORS.glob("*.icd")):
-        (folder / entry.name).write_bytes(entry.read_bytes())
-    (folder / _CPU_DRIVER).write_text(f"{driver}\n", encoding="utf-8")
-    return str(folder)
+def _vendor_folder(driver: Path, kept: Path | None) -> Path:
+    """A folder with the files of all drivers. Among the caches it is named by what it holds and
+    stays for the next start, so that a process that is killed leaves nothing.
+
+    kept: the folder of caches; where there is none, the folder goes with the process.
+    """
+    files = {entry.name: entry.read_bytes() for entry in sorted(SYSTEM_VENDORS.glob("*.icd"))}
+    files[_CPU_DRIVER] = f"{driver}\n".encode()
+    if kept is not None:
+        with suppress(OSError):
+            return _filled(kept / _KEPT / _digest(files), files)
+    return _filled(removed_at_exit(Path(tempfile.mkdtemp(prefix="rhytid-opencl-"))), files)
+
+
+def _digest(files: Mapping[str, bytes]) -> str:
+    text = repr(sorted(files.items())).encode()
+    return hashlib.sha256(text).hexdigest()[:16]
+
+
+def _filled(folder: Path, files: Mapping[str, bytes]) -> Path:
+    """The folder with these files. Those that are there as they are asked for stay: another process
+    may read them."""
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    for name, data in files.items():
+        file = folder / name
+        if not (file.is_file() and file.read_bytes() == data):
+            aside = folder / f"{name}.{os.getpid()}"
+            aside.write_bytes(data)
+            aside.replace(file)
+    return folder

@@ -1,21 +1,39 @@
-"""Folders of unfinished work, so that a process that ends at once can remove them."""
+"""Folders of unfinished work, so that a process that ends at once can remove them.
+
+A process that is killed cannot. So those among the temporary files of the system hold a locked
+file, and the next process that makes one removes those whose lock nobody holds.
+"""
 
 from __future__ import annotations
 
 import atexit
+import os
+import re
 import shutil
+import stat
+import sys
+import tempfile
 import time
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
+
+if sys.platform != "win32":
+    import fcntl
 
 # Of each which folder it is, so that no other is removed that has its name by then.
 _folders: dict[Path, tuple[int, int]] = {}
 # Another thread, or a process that is ending, may still write into a folder while it is removed:
 # how often that is tried, and the seconds between two tries.
 _TRIES, _PAUSE = 10, 0.02
+# What our folders among the temporary files are called, the file in them that is locked as long as
+# their process is there, and the folder beside it, for what is made there.
+_OURS = re.compile(r"rhytid-(?:[a-z]+-)?[a-z0-9_]{8}", re.ASCII)
+_LOCK, _FILES = "in-use", "files"
+# Where this process has looked for folders that were left.
+_swept: set[Path] = set()
 
 
 @contextmanager
@@ -31,16 +49,67 @@ def removed_on_abort(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def temporary_folder(prefix: str, parent: Path | None = None) -> Iterator[Path]:
-    """A fresh folder in `parent`, else where the system has such, removed with what is in it."""
+    """A fresh folder in `parent`, else where the system has such, removed with what is in it.
+
+    prefix: `rhytid-`, or a word and a hyphen after it.
+    """
+    if parent is None:
+        _remove_left(Path(tempfile.gettempdir()))
     made = TemporaryDirectory(prefix=prefix, dir=parent)
+    whole = Path(made.name)
+    held = nullcontext(whole) if parent is not None else _held(whole)
     # Known until it is gone: a process that ends while it is removed removes the rest.
-    with removed_on_abort(Path(made.name)) as folder, made:
+    with removed_on_abort(whole), held as folder, made:
         try:
             yield folder
         except MemoryError as error:
             # To remove a folder takes memory, too: what ran out of it lets go of what it made.
             traceback.clear_frames(error.__traceback__)
             raise
+
+
+@contextmanager
+def _held(folder: Path) -> Iterator[Path]:
+    """Hold the lock of a folder, which was just made; gives the one in it for files. The lock has
+    its name once it is locked: before, nobody takes the folder for one that was left."""
+    files = folder / _FILES
+    files.mkdir(mode=0o700)
+    if sys.platform == "win32":
+        yield files
+        return
+    aside = folder / f"{_LOCK}.new"
+    descriptor = os.open(aside, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+    try:
+        with suppress(OSError):  # a file system without locks: no folder is ever taken for left
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            aside.rename(folder / _LOCK)
+        yield files
+    finally:
+        os.close(descriptor)
+
+
+def _remove_left(parent: Path) -> None:
+    """Remove folders of this user whose processes were killed; once in a process."""
+    if sys.platform == "win32" or parent in _swept:
+        return
+    _swept.add(parent)
+    with suppress(OSError):
+        for entry in os.scandir(parent):
+            if _OURS.fullmatch(entry.name):
+                with suppress(OSError):  # in use, or gone
+                    _remove_unless_held(Path(entry.path))
+
+
+def _remove_unless_held(folder: Path) -> None:
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
+        return
+    descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        shutil.rmtree(folder, ignore_errors=True)
+    finally:
+        os.close(descriptor)
 
 
 def remove_temporary_folders() -> None:
