@@ -15,6 +15,7 @@ from rhytid.synthesis.primary_lines import (
     COARSER,
     Primary,
     lay_routes,
+    meeting,
     nearest_pores,
     with_primary_lines,
 )
@@ -126,3 +127,9 @@ def test_a_small_surface_has_none(device: Device) -> None:
         ground = Ground(work, Surface.of(mesh), neighbours(mesh), Fields())
         directions = Directions(0.1, np.random.default_rng(1), Fields())
         assert not len(Primary.build(ground, 0.1, 8, 1, directions, silent).ends)
+
+
+def test_where_lines_meet_are_the_pores_at_their_ends() -> None:
+    ends = np.array([[4, 1], [-1, 4], [2, -1]], np.int32)
+    assert meeting(ends, 7).tolist() == [1, 2, 4]
+    assert meeting(ends[:0], 7).tolist() == []

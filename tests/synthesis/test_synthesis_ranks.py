@@ -38,6 +38,15 @@ def test_leaders_follow_the_edges_between_their_pores() -> None:
     assert along([*row, (1, 4), (2, 4)]) == {(0, 1): 0.5, (1, 2): 2.0, (2, 3): 4.0}
 
 
+def test_every_edge_of_a_pore_is_found_by_its_other_end() -> None:
+    rng = np.random.default_rng(2)
+    pairs = [(i, j) for i in range(12) for j in range(i + 1, 12)]
+    joined = sorted(pairs[k] for k in rng.choice(len(pairs), 40, replace=False))
+    net: Any = SimpleNamespace(edges=SimpleNamespace(nodes=np.array(joined, np.int32)))
+    found = ranks._edges_between(net, np.array(pairs, np.int32)).tolist()
+    assert found == [joined.index(pair) if pair in joined else -1 for pair in pairs]
+
+
 def test_where_the_net_does_not_join_two_the_leader_goes_over_the_pore_beside() -> None:
     around = [(1, 4), (2, 4), (1, 5), (2, 5), (3, 4)]
     found = along([(0, 1), (2, 3), *around])

@@ -51,7 +51,7 @@ class Incidence:
 def starts_of(counts: NDArray[np.int32]) -> NDArray[np.int32]:
     """(N + 1,) where each list starts, and where the last one ends.  counts (N,): their lengths."""
     starts = np.zeros(len(counts) + 1, np.int32)
-    np.cumsum(counts, out=starts[1:])
+    np.cumsum(counts, dtype=np.int32, out=starts[1:])  # by itself numpy goes over eight bytes
     return starts
 
 

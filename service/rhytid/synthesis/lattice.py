@@ -20,7 +20,7 @@ _STEPS = 30
 # scale of the mesh.
 _FINE = 16
 # Cells along a side of the grid around a few places, at most.
-_SIDE = 100
+_SIDE = 256
 # What the origin is moved by where a mesh is far from that of its coordinates, in steps.
 _BLOCK = 2.0 ** (_STEPS - 4)
 
@@ -38,7 +38,7 @@ class Lattice:
     @classmethod
     def around(cls, *points: NDArray[np.floating]) -> Lattice:
         """The finest lattice that holds all points of arrays (N, 3)."""
-        ends = [end for p in points for end in _ends(p)]
+        ends = [end for p in points for end in bounds(p)]
         low, high = np.min(ends, axis=0).astype(np.float64), np.max(ends, axis=0)
         extent = max(float((high - low).max()), 1e-30)
         return cls(low, 2.0 ** (int(np.floor(np.log2(extent))) + 1 - _STEPS))
@@ -86,15 +86,15 @@ class Lattice:
         return int(np.clip(np.ceil(length / self.unit), 1, 2**_STEPS))
 
 
-def _ends(points: NDArray[np.floating]) -> list[NDArray[np.floating]]:
-    """The least and the most coordinates of blocks of points (N, 3)."""
+def bounds(points: NDArray[np.floating]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """(3,) the least and (3,) the most coordinates of points (N, 3)."""
     ends: list[NDArray[np.floating]] = []
 
     def find(rows: slice) -> None:
         ends.extend((points[rows].min(axis=0), points[rows].max(axis=0)))
 
     over_rows(len(points), find)
-    return ends
+    return np.min(ends, axis=0), np.max(ends, axis=0)
 
 
 def spatial_order(places: NDArray[np.int32]) -> NDArray[np.intp]:

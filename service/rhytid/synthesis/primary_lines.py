@@ -8,6 +8,7 @@ fine one, then laid along its edges."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from rhytid.device.buffer import Buffer
 from rhytid.synthesis import shapes
 from rhytid.synthesis.candidate_graph import CandidateGraph, Cut, Ground, priorities
-from rhytid.synthesis.fields import Directions
+from rhytid.synthesis.fields import Directions, looked_up
 from rhytid.synthesis.lattice import DevicePoints, Lattice
 from rhytid.synthesis.pore_density import FAINTEST_PRIMARY, PACKING, PRIMARY_STRENGTH, spacings
 from rhytid.synthesis.progress import Progress, part
@@ -65,7 +66,7 @@ class Primary:
         with ground.work.nested() as nested:
             paths = net.paths(nested, directions, ground.fields, part(progress, 0.5, 0.6))
             strength = net.worn(nested, paths, other, COARSE, part(progress, 0.6, 0.9))
-        factor = ground.fields.primary(net.pores.triangle, net.pores.uv)
+        factor = looked_up(ground.fields.primary, net.pores)
         strength *= factor[net.edges.nodes].mean(axis=1)
         priority = priorities(ground.work, net, strength, part(progress, 0.9, 1.0))
         chosen = np.flatnonzero(Cut.at_strength(FAINTEST_PRIMARY).draws(net.edges, priority))
@@ -77,11 +78,17 @@ class Primary:
     ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
         """(E,) the weight that primary lines give to each edge of the fine net, 0 where none runs;
         and (H,) the pores of the fine net at which primary lines meet."""
-        factor = spacings(ground.fields, self.pores.triangle, self.pores.uv)
+        factor = looked_up(partial(spacings, ground.fields), self.pores)
         hubs = nearest_pores(ground.work, net.pores, self.pores, 2.0 * radius, factor, net.lattice)
         weight = lay_routes(ground.work, net.pores, paths, hubs, self.ends, self.weight)
-        used = np.unique(hubs[np.unique(self.ends)])
-        return weight, used[used >= 0]
+        return weight, meeting(hubs[self.ends], len(net.pores))
+
+
+def meeting(ends: NDArray[np.int32], pores: int) -> NDArray[np.int32]:
+    """(H,) those of so many pores that are among ends, -1 for none; ascending."""
+    used = np.zeros(pores, np.bool_)
+    used[ends[ends >= 0]] = True
+    return np.flatnonzero(used).astype(np.int32)
 
 
 def has_primary_lines(surface: Surface, radius: float) -> bool:

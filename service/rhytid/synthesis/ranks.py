@@ -350,13 +350,13 @@ def _edges_along(net: CandidateGraph, leaders: LeaderPores) -> _Along:
 
 def _edges_between(net: CandidateGraph, ends: NDArray[np.integer]) -> NDArray[np.intp]:
     """(P,) which edge joins each pair of pores (P, 2), the lower first; -1 where none does."""
-    count = np.int64(len(net.pores))
-    keys = net.edges.nodes[:, 0] * count + net.edges.nodes[:, 1]
-    if not len(keys):
-        return np.full(len(ends), -1)
-    wanted = ends[:, 0] * count + ends[:, 1]
-    at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    return np.where(keys[at] == wanted, at, -1)
+    one, two = np.ascontiguousarray(net.edges.nodes[:, 0]), net.edges.nodes[:, 1]
+    first, end = (np.searchsorted(one, ends[:, 0], side) for side in ("left", "right"))
+    found = np.full(len(ends), -1)
+    for way in range(int((end - first).max(initial=0))):
+        at = np.minimum(first + way, len(one) - 1)
+        found = np.where((first + way < end) & (two[at] == ends[:, 1]), at, found)
+    return found
 
 
 def _ways_round(
@@ -364,9 +364,15 @@ def _ways_round(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """(Q,) edges, two for each pair of pores (P, 2) that have a neighbour in common, over that by
     which the way is shortest; and (Q,) the pair."""
-    asked = np.zeros(len(net.pores), np.bool_)
+    asked, beside = np.zeros(len(net.pores), np.bool_), np.empty(len(net.edges.nodes), np.bool_)
     asked[ends] = True
-    near = np.flatnonzero(asked[net.edges.nodes].any(axis=1))
+
+    def look(rows: slice) -> None:
+        one, two = net.edges.nodes[rows].T
+        beside[rows] = asked[one] | asked[two]
+
+    over_rows(len(beside), look)
+    near = np.flatnonzero(beside)
     around: dict[int, dict[int, int]] = {}
     for edge, (one, two) in zip(near.tolist(), net.edges.nodes[near].tolist(), strict=True):
         around.setdefault(one, {})[two] = edge

@@ -15,7 +15,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.errors import GraphError
 from rhytid.synthesis.edges import DEFINES, crossings
 from rhytid.synthesis.fields import level_directions
-from rhytid.synthesis.lattice import DevicePoints
+from rhytid.synthesis.lattice import DevicePoints, bounds
 from rhytid.synthesis.progress import masked, over_rows, row_blocks
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface
 from rhytid.synthesis.workspace import Workspace
@@ -25,6 +25,8 @@ ANGLES = 9  # of ten degrees, from 0 to 90
 # The first look goes so far, in spacings that the points would have on a flat square of area 1;
 # those that find nothing look on twice as far.
 _FIRST = 2.0
+# Wrinkles that are counted at pores at a time.
+_AT_ENDS = 1 << 14
 
 
 def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any]:
@@ -95,7 +97,8 @@ def nearest_distances(work: Workspace, pores: Points) -> NDArray[np.float32]:
     distance = np.full(len(pores), np.inf, np.float32)
     if len(pores) < 2:
         return distance
-    extent = float(np.ptp(pores.position, axis=0).max())
+    low, high = bounds(pores.position)
+    extent = float((high - low).max())
     cell = min(_FIRST / np.sqrt(len(pores)), extent)
     left = np.arange(len(pores), dtype=np.int32)
     while len(left):
@@ -196,9 +199,14 @@ def _moments(values: FloatArray, scale: float) -> dict[str, float]:
 
 
 def _degrees(net: _Net) -> dict[str, Any]:
-    # One after the other, for each is copied in eight bytes.
-    ends = (np.bincount(end, minlength=len(net.points)) for end in net.nodes.T)
-    degree = sum(ends, np.zeros(len(net.points), np.int64))[net.pores]
+    ends = np.zeros((2, len(net.points)), np.int32)
+
+    def count(side: slice) -> None:
+        for rows in row_blocks(len(net.nodes), _AT_ENDS):
+            np.add.at(ends[side.start], net.nodes[rows, side.start], 1)
+
+    over_rows(2, count, each=1)
+    degree = (ends[0] + ends[1])[net.pores]
     mean = float(degree.mean()) if len(degree) else 0.0
     return {"mean": mean, "histogram": np.bincount(degree).tolist()}
 

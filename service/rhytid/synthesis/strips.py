@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rhytid.support import cancellation
 from rhytid.synthesis.lattice import Around
+from rhytid.synthesis.progress import over_rows, row_blocks
 
 Doubles = NDArray[np.float64]
 # What others are left at least, of what they would take.
@@ -18,6 +19,8 @@ _LEFT = 0.2
 # Pores that are looked around at a time: there are some hundred times as many pairs, each of which
 # takes 40 bytes then, and 16 until all have asked.
 _ASKING = 1 << 12
+# Lines that are added up at pores at a time: a copy of them in other numbers stays in the cache.
+_AT_ENDS = 1 << 14
 _TINY = 1e-300
 # Pairs of a pore that asks and one around it: which of the asking, which of all, how near.
 _Pairs = tuple[NDArray[np.intp], NDArray[np.intp], Doubles]
@@ -102,5 +105,11 @@ class Strips:
 
 def _at_pores(ends: NDArray[np.int32], values: Doubles, count: int) -> Doubles:
     """(N,) sums of values (W,) at pores, half of each at either of its ends (W, 2)."""
-    one, two = (np.bincount(side, values, count) for side in ends.T)
-    return np.asarray(0.5 * (one + two), np.float64)
+    sums = np.zeros((2, count))
+
+    def add(side: slice) -> None:
+        for rows in row_blocks(len(ends), _AT_ENDS):
+            np.add.at(sums[side.start], ends[rows, side.start], values[rows])
+
+    over_rows(2, add, each=1)
+    return np.asarray(0.5 * (sums[0] + sums[1]), np.float64)

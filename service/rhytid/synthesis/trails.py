@@ -18,7 +18,7 @@ from rhytid.synthesis.edges import DEFINES, Edges
 from rhytid.synthesis.hashes import place_keys
 from rhytid.synthesis.incidence import Incidence
 from rhytid.synthesis.lattice import Lattice
-from rhytid.synthesis.progress import Progress, part
+from rhytid.synthesis.progress import Progress, over_rows, part
 from rhytid.synthesis.surface import Points
 from rhytid.synthesis.workspace import Workspace
 
@@ -101,8 +101,12 @@ def wear(
             trails.round(done, share)
         strength = nested.read(trails.strength, (paths.edges,), np.float32)
         length = nested.read(paths.length, (paths.edges,), np.float32)
+
     # What no walker found is fainter than all else, the longer the fainter.
-    strength += np.float32(1e-3 * paths.typical) / length
+    def add(rows: slice) -> None:
+        strength[rows] += np.float32(1e-3 * paths.typical) / length[rows]
+
+    over_rows(len(strength), add)
     return strength
 
 
