@@ -86,8 +86,6 @@ class GraphParts:
         drawn_strength = weight[: lines.whole].copy()
         _scale(weight, factor)
         del factor
-        depth, metric, radius = self._shapes_of_pores(drawn_strength, progress)
-        progress(0.8, "shapes")
         none = np.zeros(len(lines.owner), np.float32)
         ranks = self.strengths.ranks
         leads = None if ranks is None else ranks.leads[lines.edge]
@@ -103,7 +101,11 @@ class GraphParts:
             _scale(weight, fainter)
             width *= narrower
             half_width *= narrower
+        progress(0.6, "shapes")
         shares = self._shares(weight, width)  # what else there is of the graph comes after it
+        progress(0.7, "shapes")
+        depth, metric, radius = self._shapes_of_pores(drawn_strength, progress)
+        del drawn_strength
         progress(0.9, "shapes")
         ends = ends_of(lines, joins, weight, half_width, width)
         del joins, width
@@ -202,7 +204,7 @@ class GraphParts:
         size = shapes.pore_sizes(pores.position, self.spacing, key, self.seed)
         size[self.strengths.hubs] *= np.float32(shapes.HUB)
         size *= looked_up(fields.pore_radius, pores)
-        progress(0.6, "shapes")
+        progress(0.8, "shapes")
         first = slice(0, lines.whole)
         relative = size / np.float32(fields.usual_pore_radius)
         meeting = self.strengths.usual.meeting

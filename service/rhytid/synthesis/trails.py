@@ -99,6 +99,7 @@ def wear(
         for done in range(walks.rounds):
             share = part(progress, done / walks.rounds, (done + 1) / walks.rounds)
             trails.round(done, share)
+        nested.release(trails.pull, trails.appeal, trails.deposit, *trails.crossed)
         strength = nested.read(trails.strength, (paths.edges,), np.float32)
         length = nested.read(paths.length, (paths.edges,), np.float32)
 
