@@ -12,7 +12,7 @@ from pipeline.binned import TILE, BinnedScene, stored_maps
 from pipeline.scenes import DEPTH, random_graph, settings_of, sheet
 from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.bins import ShareRange
-from rhytid.pipeline.blend import Blend, CushionBlend
+from rhytid.pipeline.blend import RAISED_A_LAUNCH, Blend, CushionBlend
 from rhytid.pipeline.cushion import SAMPLES
 from rhytid.pipeline.vectors import VECTOR, VectorTriangles
 
@@ -172,11 +172,11 @@ def test_samples_of_several_tiles_are_those_of_each_alone(device):
     alone = [
         device.read(blend.tiles([tile], lines), (samples,), np.float32) for tile in (one, marked)
     ]
-    several = [one, marked, one, marked, marked]
-    got = device.read(blend.tiles(several, lines), (len(several), one.values), np.float32)
     assert (alone[0] != alone[1]).any()
-    for tile, values in zip(several, got, strict=True):
-        np.testing.assert_array_equal(values[:samples], alone[int(tile is marked)])
+    for several in ([one, marked, one, marked, marked], [one, *[marked] * (RAISED_A_LAUNCH - 1)]):
+        got = device.read(blend.tiles(several, lines), (len(several), one.values), np.float32)
+        for tile, values in zip(several, got, strict=True):
+            np.testing.assert_array_equal(values[:samples], alone[int(tile is marked)])
 
 
 def test_a_frame_passes_over_marked_samples(device):

@@ -24,6 +24,21 @@ inline __attribute__((always_inline)) void store_scales(float16 r, float width_e
                 (__global float *)scales);
 }
 
+typedef struct {
+    quads_t segments, axes;
+    pairs_t logs;
+} sampled_t;
+
+// What a group of wrinkles has. Forced into its caller, where `last` may be known to the compiler.
+inline __attribute__((always_inline)) sampled_t sampled(__global const float4 *segments,
+                                                        __global const int *triangle,
+                                                        __global const float4 *axes,
+                                                        __global const float2 *logs, int last)
+{
+    sampled_t s = {QUADS(SEGMENT), QUADS(AXES), PAIRS(LOGS)};
+    return s;
+}
+
 // groups: as in first_in_group. triangle: what the centre of each wrinkle samples. jacobians: NULL for
 // angles in UV. stiffness: of each wrinkle, or NULL. found: see RESPONSE.
 __kernel void respond_wrinkles(__global const int *groups, __global const float4 *segments,
@@ -37,9 +52,11 @@ __kernel void respond_wrinkles(__global const int *groups, __global const float4
         return;
     segments += first;
     triangle += first;
-    const quads_t segment = QUADS(SEGMENT);
-    pairs_t theta = {segment.z, segment.w}, of = PAIRS(LOGS);
-    quads_t axis = QUADS(AXES);
+    // All groups but the last are whole: no lane of theirs looks whether it is beyond the end.
+    const sampled_t own = last < LANES - 1 ? sampled(segments, triangle, axes, logs, last)
+                                           : sampled(segments, triangle, axes, logs, LANES - 1);
+    pairs_t theta = {own.segments.z, own.segments.w}, of = own.logs;
+    quads_t axis = own.axes;
     if (jacobians) {
         float2 thetas[LANES];
         float4 both_axes[LANES];
