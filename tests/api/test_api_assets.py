@@ -80,6 +80,74 @@ def test_the_graph_comes_as_safetensors(client: httpx.Client, asset: str) -> Non
     assert post(client, sent).status_code in (200, 202)
 
 
+@pytest.mark.parametrize(
+    ("asked", "some"),
+    [
+        ("bytes=0-99", slice(0, 100)),
+        ("bytes=100-", slice(100, None)),
+        ("bytes=-7", slice(-7, None)),
+        ("bytes=-99999999", slice(0, None)),
+        ("bytes=8-999999999999", slice(8, None)),
+    ],
+)
+@pytest.mark.parametrize("file", ["graph", "mesh"])
+def test_a_range_of_a_file_is_answered(
+    client: httpx.Client, asset: str, file: str, asked: str, some: slice
+) -> None:
+    path = f"/v1/assets/{asset}/{file}"
+    whole = client.get(path)
+    assert (whole.status_code, whole.headers["accept-ranges"]) == (200, "bytes")
+    tag = whole.headers["etag"]
+    for head in ({}, {"If-Range": tag}):
+        part = client.get(path, headers={"Range": asked, **head})
+        assert part.status_code == 206
+        assert part.content == whole.content[some]
+        first, stop, _ = some.indices(len(whole.content))
+        assert part.headers["content-range"] == f"bytes {first}-{stop - 1}/{len(whole.content)}"
+        assert part.headers["content-length"] == str(len(part.content))
+        assert part.headers["etag"] == tag
+    other = client.get(path, headers={"Range": asked, "If-Range": '"another"'})
+    assert (other.status_code, other.content) == (200, whole.content)
+    known = client.get(path, headers={"Range": asked, "If-None-Match": tag})
+    assert known.status_code == 304
+
+
+def test_the_pieces_of_a_graph_can_be_put_together(client: httpx.Client, asset: str) -> None:
+    path, each = f"/v1/assets/{asset}/graph", 1000
+    whole = client.get(path).content
+    parts = [
+        client.get(path, headers={"Range": f"bytes={at}-{at + each - 1}"}).content
+        for at in range(0, len(whole), each)
+    ]
+    assert b"".join(parts) == whole
+
+
+@pytest.mark.parametrize(
+    "asked", ["bytes=0-1,5-6", "lines=0-1", "bytes=5-2", "bytes=-", "bytes=a-b", "bytes 0-1", ""]
+)
+def test_what_is_no_single_range_of_bytes_is_ignored(
+    client: httpx.Client, asset: str, asked: str
+) -> None:
+    path = f"/v1/assets/{asset}/graph"
+    answer = client.get(path, headers={"Range": asked})
+    assert (answer.status_code, answer.content) == (200, client.get(path).content)
+
+
+@pytest.mark.parametrize("asked", ["bytes=99999999-", "bytes=99999999-999999999", "bytes=-0"])
+def test_a_range_after_the_end_is_refused(client: httpx.Client, asset: str, asked: str) -> None:
+    path = f"/v1/assets/{asset}/graph"
+    answer = client.get(path, headers={"Range": asked})
+    is_problem(answer, 416)
+    size = len(client.get(path).content)
+    assert answer.headers["content-range"] == f"bytes */{size}"
+
+
+def test_lines_in_space_have_no_ranges(client: httpx.Client, asset: str) -> None:
+    path = f"/v1/assets/{asset}/graph?format=obj"
+    answer = client.get(path, headers={"Range": "bytes=0-1"})
+    assert (answer.status_code, answer.headers["accept-ranges"]) == (200, "none")
+
+
 def test_the_graph_comes_as_lines_in_space(client: httpx.Client, asset: str) -> None:
     path = f"/v1/assets/{asset}/graph"
     obj, usda = (client.get(path, params={"format": kind}) for kind in ("obj", "usda"))

@@ -71,8 +71,18 @@ ROUTERS = (
 # What web pages of allowed origins may send and read. No cookies: keys are in a header.
 SHARED: dict[str, Any] = {
     "allow_methods": ("GET", "HEAD", "PUT", "POST", "PATCH", "DELETE"),
-    "allow_headers": ("Authorization", "Content-Type", "If-None-Match", HEADER),
-    "expose_headers": ("ETag", "Location", "Retry-After", HEADER, KEY, NOTICE, SCALE, WARNINGS),
+    "allow_headers": (
+        "Authorization",
+        "Content-Type",
+        "If-None-Match",
+        "If-Range",
+        "Range",
+        HEADER,
+    ),
+    "expose_headers": (
+        *("Accept-Ranges", "Content-Range", "ETag", "Location", "Retry-After"),
+        *(HEADER, KEY, NOTICE, SCALE, WARNINGS),
+    ),
     "max_age": 600,
 }
 

@@ -69,6 +69,13 @@ def binary(*media_types: str) -> Responses:
     return {200: {"description": "OK", "content": content}}
 
 
+def in_ranges(*media_types: str) -> Responses:
+    """As `binary`, of a file of which a range of bytes may be asked for."""
+    whole = binary(*media_types)
+    some = {"description": "The range of bytes that Range asks for; If-Range takes the ETag"}
+    return {**whole, 206: {**whole[200], **some}, 416: problems(416)[416]}
+
+
 def body(content: Mapping[str, Any], required: bool = True) -> dict[str, Any]:
     """Return an `openapi_extra` for a body that the route reads by itself."""
     return {"requestBody": {"required": required, "content": dict(content)}}

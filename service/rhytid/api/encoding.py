@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict
@@ -14,6 +15,7 @@ import numpy as np
 from fastapi import Request, Response
 from fastapi.responses import StreamingResponse
 from numpy.typing import NDArray
+from starlette.exceptions import HTTPException
 
 from rhytid import __version__
 from rhytid.api.encoded_tiles import Asked, Known
@@ -43,6 +45,8 @@ LARGE = 32 << 20
 SCALE = "X-Rhytid-Scale"
 WARNINGS = "X-Rhytid-Warnings"
 _UNKEPT = {"Cache-Control": "no-store"}
+# A single range of bytes in a head.
+_RANGE = re.compile(r"bytes=[ \t]*([0-9]{0,18})-([0-9]{0,18})[ \t]*", re.ASCII)
 
 
 def check_format(format: str, layer: str = DISPLACEMENT) -> str:
@@ -237,11 +241,12 @@ def answer_stored(
     slot: AbstractContextManager[None],
     memory: RequestMemory,
 ) -> Response:
-    """What is stored of an asset, written as `kind`; 304 where the client has it.
+    """What is stored of an asset, written as `kind`; 304 where the client has it, 206 and 416 for a
+    range of its bytes.
 
     content: what there is now.  write: the file in pieces, or its lines one after the other, whose
-    length is not known before. Only writing takes a slot; raises BusyError, and what
-    `RequestMemory.answer` does.
+    length is not known before and of which no range is sent. Only writing takes a slot; raises
+    BusyError, and what `RequestMemory.answer` does.
     """
     wanted = content()
     headers = {"ETag": etag(wanted.key, kind, __version__), "Cache-Control": "no-cache"}
@@ -252,8 +257,52 @@ def answer_stored(
         body = write()
     if content().key != wanted.key:  # changed while it was written
         headers = {"Cache-Control": "no-store"}
-    if isinstance(body, list):
-        nbytes = sum(map(len, body))
-        hold.resize(nbytes)
+    if not isinstance(body, list):
+        headers["Accept-Ranges"] = "none"
+        return StreamingResponse(body, headers=headers, media_type=media_type)
+    nbytes = sum(map(len, body))
+    hold.resize(nbytes)
+    headers["Accept-Ranges"] = "bytes"
+    asked = _asked_range(request, headers.get("ETag"), nbytes)
+    if asked is None:
         headers["Content-Length"] = str(nbytes)
-    return StreamingResponse(body, headers=headers, media_type=media_type)
+        return StreamingResponse(body, headers=headers, media_type=media_type)
+    headers["Content-Length"] = str(len(asked))
+    headers["Content-Range"] = f"bytes {asked.start}-{asked.stop - 1}/{nbytes}"
+    return StreamingResponse(_within(body, asked), 206, headers, media_type)
+
+
+def _asked_range(request: Request, tag: str | None, nbytes: int) -> range | None:
+    """The bytes of an answer that the head asks for; None for all of them, also where it asks for
+    several ranges, or for a range of other bytes than `tag` names.
+
+    Raises HTTPException, 416, where the range begins after the end (RFC 9110, section 14).
+    """
+    asked = _RANGE.fullmatch(request.headers.get("range", ""))
+    if asked is None or tag is None or request.headers.get("if-range", tag) != tag:
+        return None
+    first, last = (int(text) if text else None for text in asked.groups())
+    if first is None and last is None:
+        return None
+    if first is None:  # the last bytes, so many
+        found = range(max(nbytes - (last or 0), 0), nbytes)
+    elif last is None:
+        found = range(first, nbytes)
+    elif first <= last:
+        found = range(first, min(last + 1, nbytes))
+    else:  # no range at all
+        return None
+    if not found:
+        headers = {"Content-Range": f"bytes */{nbytes}"}
+        raise HTTPException(416, f"there are {nbytes} bytes, of which none are asked for", headers)
+    return found
+
+
+def _within(body: Sequence[bytes | memoryview], asked: range) -> Iterator[memoryview]:
+    """The pieces of a body that lie in a range, cut to it."""
+    start = 0
+    for piece in body:
+        cut = memoryview(piece)[max(asked.start - start, 0) : max(asked.stop - start, 0)]
+        if len(cut):
+            yield cut
+        start += len(piece)

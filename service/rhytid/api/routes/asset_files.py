@@ -19,7 +19,7 @@ from rhytid.api.dependencies import (
     Slot,
     SnapshotBody,
 )
-from rhytid.api.documentation import SNAPSHOT, UNCHANGED, binary, problems
+from rhytid.api.documentation import SNAPSHOT, UNCHANGED, binary, in_ranges, problems
 from rhytid.api.encoding import WORKING, answer_stored, etag, matches
 from rhytid.api.request_memory import PIECE
 from rhytid.api.schemas import Asset, GraphQuery, MeshQuery
@@ -40,7 +40,7 @@ router = APIRouter(prefix="/v1", tags=["assets"])
     "/assets/{asset}/graph",
     operation_id="getGraph",
     response_class=Response,
-    responses={**binary(*GRAPH_TYPES), **UNCHANGED, **FAULTS},
+    responses={**in_ranges(*GRAPH_TYPES), **UNCHANGED, **FAULTS},
     dependencies=[NoRepeats],
 )
 def graph(
@@ -70,7 +70,7 @@ def graph(
     "/assets/{asset}/mesh",
     operation_id="getMesh",
     response_class=Response,
-    responses={**binary(*MESH_TYPES), **UNCHANGED, **FAULTS},
+    responses={**in_ranges(*MESH_TYPES), **UNCHANGED, **FAULTS},
     dependencies=[NoRepeats],
 )
 def mesh(
