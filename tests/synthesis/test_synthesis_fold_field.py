@@ -146,6 +146,21 @@ def test_a_painted_direction_goes_before(device: Device) -> None:
     assert right_half.axis == pytest.approx(30.0, abs=9.0)
 
 
+def test_rhombi_lie_between_folds_and_the_level_direction() -> None:
+    """By a mean that has no step where folds are upright; painted directions go before."""
+    triangle, uv = places()
+    found = []
+    for lines in (0.0, 30.0, 60.0, 89.0, 91.0, 150.0):
+        fields = region_fields(field(folded(lines + 90.0)), region="neck")
+        found.append(np.degrees(fields.along_rhombi(triangle, uv)).mean())
+    assert found == pytest.approx([0.0, 13.5, 25.6, 5.0, -5.0, -13.5], abs=0.5)
+    controls = Controls({"direction": {1001: right(70.0 / 180.0, 70.0 / 180.0)}})
+    fields = PaintedFields(SURFACE, GraphSettings(), controls, field(folded(90.0)))
+    along = np.degrees(fields.along_rhombi(triangle, uv))
+    np.testing.assert_allclose(along, 70.0, atol=1.0)
+    np.testing.assert_allclose(fields.slant(triangle, uv), 0.0, atol=1e-6)
+
+
 @pytest.mark.parametrize("name", ["strength", "anisotropy"])
 def test_what_is_painted_white_or_black_goes_before(name: str) -> None:
     folds = field(folded(0.0, size=0.02))

@@ -113,6 +113,10 @@ class Fields:
         """How far skin has rhombi, slanting lines that cross: 0 to 1."""
         return np.zeros(len(triangle), np.float32)
 
+    def along_rhombi(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Radians to the left from the level direction to the long way of rhombi."""
+        return self.turn(triangle, uv)
+
     def creases(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far skin has creases, upright lines close together: 0 to 1."""
         return np.zeros(len(triangle), np.float32)

@@ -178,7 +178,7 @@ _SLANT = float(np.radians(34.0))
 RHOMBI = tuple(
     Family(
         lambda f, *place: f.rhombi(*place),
-        lambda f, *place, slant=slant: f.turn(*place) + np.float32(slant),
+        lambda f, *place, slant=slant: f.along_rhombi(*place) + np.float32(slant),
         number=number,
         shortest=7.0,
         longest=30.0,

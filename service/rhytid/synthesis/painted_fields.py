@@ -39,6 +39,9 @@ _FACTORS = ("density", "strength", "anisotropy", "scale", "pore_radius")
 _NO_CREASES, _CREASED = np.float32(0.35), np.float32(0.85)
 # What is left of swells and of patchiness where skin has creases.
 _BLOTCHES = np.float32(0.5)
+# What the level direction counts beside that of folds, for rhombi: a little more, so that there
+# is a mean everywhere.
+_LEVEL = 1.2
 # The most that patches make of the height of events: higher bumps would be pebbles.
 _HIGHEST = np.float32(1.4)
 
@@ -245,6 +248,16 @@ class PaintedFields(Fields):
         if self._folds is None:
             return super().rhombi(triangle, uv)
         return self._regions.factor("rhombi", triangle, uv)
+
+    def along_rhombi(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Radians to the left from the level direction to the long way of rhombi: between that and
+        the lines of folds, for those that slant would be upright beside the neck. Painted
+        directions take its place, and settings and maps turn it."""
+        found = np.zeros(len(triangle), np.float32)
+        if self._folds is not None:
+            folds = self._folds.blended_with(found, triangle, uv)
+            found = np.float32(0.5) * np.angle(np.exp(2j * folds) + _LEVEL).astype(np.float32)
+        return self._turned(found, triangle, uv)
 
     def creases(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """How far skin has creases: of the regions, not beyond the middle of their border. They
