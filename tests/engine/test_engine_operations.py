@@ -12,7 +12,8 @@ from rhytid.engine import engine, operations
 from rhytid.engine.assets.service import AssetService
 from rhytid.engine.frame_service import FrameService
 from rhytid.engine.jobs import Jobs
-from rhytid.engine.operations import OPERATIONS, Operation, Proxy
+from rhytid.engine.operation import Operation
+from rhytid.engine.operations import OPERATIONS, Proxy
 from rhytid.engine.packages import PackageService
 from rhytid.engine.snapshots import SnapshotService
 from rhytid.engine.tiles.service import TileService

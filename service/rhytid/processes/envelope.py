@@ -16,7 +16,8 @@ from rhytid.engine import call_context
 from rhytid.engine.byte_budget import Hold
 from rhytid.engine.call_context import caller, drawn_live, is_live
 from rhytid.engine.frames import Frame
-from rhytid.engine.operations import OPERATIONS, Operation
+from rhytid.engine.operation import Operation
+from rhytid.engine.operations import OPERATIONS
 from rhytid.errors import RhytidError
 from rhytid.processes.packing import Packed, pack
 from rhytid.storage.snapshots import PIECE, OpenFile

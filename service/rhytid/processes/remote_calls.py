@@ -17,7 +17,8 @@ from rhytid.engine import call_context
 from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.engine.frames import Frame, UnknownFrameError
 from rhytid.engine.messages import AssetInfo, FollowedAsset, JobInfo, NewAsset
-from rhytid.engine.operations import OPERATIONS, Operation
+from rhytid.engine.operation import Operation
+from rhytid.engine.operations import OPERATIONS
 from rhytid.errors import DeviceLostError, NotFoundError
 from rhytid.processes.device_process import DeviceProcess
 from rhytid.processes.envelope import Envelope, Request, Transport
