@@ -163,7 +163,7 @@ def _axes_at_ends(
 ) -> Doubles:
     """(3, N) sums over the wrinkles at each pore: of weight times the cosine and the sine of twice
     their angle, and of weight."""
-    sums = np.zeros((2, 3, len(triangle)))
+    sums = [np.zeros((3, len(triangle))) for _ in range(2)]
 
     def add(side: slice) -> None:
         for rows in row_blocks(len(nodes), _AT_ENDS):
@@ -176,7 +176,8 @@ def _axes_at_ends(
                 np.add.at(total, at, value)
 
     over_rows(2, add, each=1)
-    both: Doubles = sums[0] + sums[1]
+    both: Doubles = sums[0]
+    both += sums.pop()
     return both
 
 
