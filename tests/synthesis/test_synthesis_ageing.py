@@ -17,7 +17,7 @@ from rhytid.domain.skin import REGIONS, aged, depth_factor, fold_factor_log, wea
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.generate import Synthesis, synthesize
-from rhytid.synthesis.leader_families import CREASES, CROSSING, FAMILIES, FANS, RINGS
+from rhytid.synthesis.leader_families import CREASES, FAMILIES, FANS, FURROWS, RINGS
 from rhytid.synthesis.painted_fields import PaintedFields, fields_of
 from rhytid.synthesis.ranks import _left_to, _older
 from rhytid.synthesis.surface import Surface
@@ -232,7 +232,7 @@ def test_what_leaders_take_hangs_on_their_family_and_on_age_above_35() -> None:
     families = np.arange(len(FAMILIES), dtype=np.int8)
     for worn in (-1.0, -0.5, 0.0):
         np.testing.assert_array_equal(_left_to(families, worn), np.ones(len(FAMILIES), np.float32))
-    found, soft = _left_to(families, 1.0), [f.number for f in (CREASES, CROSSING, FANS, RINGS)]
+    found, soft = _left_to(families, 1.0), [f.number for f in (CREASES, FANS, FURROWS, RINGS)]
     np.testing.assert_array_equal(found[soft], np.ones(len(soft), np.float32))
     np.testing.assert_allclose(np.delete(found, soft), 0.1, rtol=1e-6)
 

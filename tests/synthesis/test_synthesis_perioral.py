@@ -16,7 +16,8 @@ from rhytid.domain.expressions import ENOUGH, Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.painted_maps import Controls
 from rhytid.domain.skin import COARSE, depth_factor
-from rhytid.synthesis import perioral
+from rhytid.synthesis import assembly
+from rhytid.synthesis.aged_lines import Ways
 from rhytid.synthesis.generate import synthesize
 from synthesis import sheets
 from synthesis.painted import painted
@@ -72,7 +73,7 @@ def without(
     found: Folds | None = None,
 ) -> WrinkleGraph:
     with monkeypatch.context() as patched:
-        patched.setattr(perioral.PerioralLines, "of", lambda *_: None)
+        patched.setattr(assembly, "perioral_lines", lambda *_: None)
         return grown(device, age, anatomy, rank, found)
 
 
@@ -109,14 +110,14 @@ def test_they_come_with_the_rank(device: Device, monkeypatch: pytest.MonkeyPatch
 
 def test_they_are_nearly_straight(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[NDArray[np.int64]] = []
-    along = perioral._Ways.along
+    along = Ways.along
 
-    def kept(self: perioral._Ways, *course: Any) -> tuple[NDArray[Any], NDArray[Any]] | None:
+    def kept(self: Ways, *course: Any) -> tuple[NDArray[Any], NDArray[Any]] | None:
         found = along(self, *course)
         drawn.extend([] if found is None else [found[0]])
         return found
 
-    monkeypatch.setattr(perioral._Ways, "along", kept)
+    monkeypatch.setattr(Ways, "along", kept)
     skin = grown(device, 65.0)
     assert len(drawn) > 15
     winding = []

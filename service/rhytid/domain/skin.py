@@ -69,8 +69,9 @@ class Region:
     rhombi: how far it has lines of some millimetres that slant to either side of the preferred ones
     and cross.  creases: how far it has upright ones close together, as lips do.  uneven: how far
     lines between leaders differ by chance from those beside them, and leaders stay as narrow with
-    age.  event_patches: how far events that follow patches, as bumps do, are lower in quiet ones,
-    and higher in lively ones.  old: what age makes of the others.
+    age.  rays: how far age draws rays from its border, where that is the outer corner of an eye.
+    event_patches: how far events that follow patches, as bumps do, are lower in quiet ones, and
+    higher in lively ones.  old: what age makes of the others.
     """
 
     density: float = 1.0
@@ -93,6 +94,7 @@ class Region:
     rhombi: float = 0.0
     creases: float = 0.0
     uneven: float = 0.0
+    rays: float = 0.0
     event_patches: float = 0.0
     old: Old = Old()
 
@@ -177,6 +179,7 @@ REGIONS: dict[str, Region] = {
         patchiness=1.2,
         undulation=0.65,
         leading=0.9,
+        rays=1.0,
         old=Old(strength=1.6, scale=1.2, contrast=1.5, grain=1.8),
     ),
     # A wide net of rhombi, longer than high, that age deepens as a whole; small pores. Both
@@ -255,7 +258,13 @@ _COARSE: dict[str, dict[str, Any]] = {
         "patchiness": 0.6,
         "creases": 0.0,
     },
-    "eye_corner": {"density": 1.5, "strength": 1.2, "pore_strength": 0.8, "scale": 0.85},
+    "eye_corner": {
+        "density": 1.5,
+        "strength": 1.2,
+        "pore_strength": 0.8,
+        "scale": 0.85,
+        "rays": 0.0,
+    },
     "neck": {
         "density": 0.8,
         "strength": 1.1,

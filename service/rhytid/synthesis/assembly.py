@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.synthesis import shapes
 from rhytid.synthesis.candidate_graph import Ground
+from rhytid.synthesis.crows_feet import crows_feet
 from rhytid.synthesis.events import Events
 from rhytid.synthesis.fields import Fields, looked_up
 from rhytid.synthesis.hashes import place_keys
 from rhytid.synthesis.leader_families import leading_any_way
 from rhytid.synthesis.leaders import unit_length
 from rhytid.synthesis.lines import Lines, ends_of, joins_of
-from rhytid.synthesis.perioral import PerioralLines
+from rhytid.synthesis.perioral import perioral_lines
 from rhytid.synthesis.pore_density import Usual
 from rhytid.synthesis.progress import Progress, over_block, over_rows, row_blocks
 from rhytid.synthesis.ranks import RankedLines, Ranks, calm_of, unevenness
@@ -89,7 +90,7 @@ class GraphParts:
         none = np.zeros(len(lines.owner), np.float32)
         ranks = self.strengths.ranks
         leads = None if ranks is None else ranks.leads[lines.edge]
-        aged = None if leads is None else self._perioral(leads, (weight, width, half_width))
+        aged = None if leads is None else self._aged(leads, (weight, width, half_width))
         if leads is not None and aged is not None:
             leads |= aged
         joins = joins_of(ground, pores, lines, weight, leads)
@@ -139,20 +140,25 @@ class GraphParts:
         arrays = with_copies(arrays, ground.surface, self.borders, least, over_seams)
         return arrays | _of_nodes(arrays, beside)
 
-    def _perioral(
+    def _aged(
         self, leads: NDArray[np.bool_], sizes: tuple[NDArray[np.float32], ...]
     ) -> NDArray[np.bool_] | None:
-        """Which lines (W,) age draws from the border of the lips; None where there are none. Their
-        weights and half widths, on the surface and in UV, are changed in place.  leads (W,): which
-        are parts of leaders."""
+        """Which lines (W,) age draws from the border of the lips and from the corners of the eyes;
+        None where there are none. Their weights and half widths, on the surface and in UV, are
+        changed in place.  leads (W,): which are parts of leaders."""
         ground, lines, ranks = self.ground, self.lines, self.strengths.ranks
         assert ranks is not None
-        scale, weight = ground.surface.scale, sizes[0]
+        worn = max(ranks.worn_by_age, 0.0)
+        if worn == 0.0:
+            return None
+        scale, found = ground.surface.scale, None
         millimetre = unit_length(ground.unit, self.spacing * scale) / scale
-        found = PerioralLines.of(
-            ground, self.pores, lines, weight, millimetre, ranks.worn_by_age, ranks.rank, self.seed
-        )
-        return None if found is None else found.drawn(lines, leads, sizes, self.spacing)
+        for of in (perioral_lines, crows_feet):
+            aged = of(ground, self.pores, lines, sizes[0], millimetre, worn, ranks, self.seed)
+            if aged is not None:
+                drawn = aged.drawn(lines, leads, sizes, self.spacing)
+                found = drawn if found is None else found | drawn
+        return found
 
     def _beside(self) -> dict[str, NDArray[np.float32]]:
         """Factors of nodes by name: of pores, of nodes beyond a border, then of events."""

@@ -133,6 +133,10 @@ class Fields:
         """How far lines differ from those beside them where skin has leaders: 0 to 1."""
         return np.zeros(len(triangle), np.float32)
 
+    def rays(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin is of a region from whose border age draws rays: 0 to 1."""
+        return np.zeros(len(triangle), np.float32)
+
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians by which the preferred direction turns left, seen from outside."""
         return np.zeros(len(triangle), np.float32)

@@ -103,9 +103,10 @@ class Wishes:
 
     @property
     def order(self) -> IntArray:
-        """The numbers of the lines: rings and those of a frown first, then the largest."""
-        later = ~np.isin(self.family, FIRST)
-        found: IntArray = np.lexsort((self.key, -self.size, later))
+        """The numbers of the lines: rings and those of a frown first, then furrows of the forehead,
+        and of each of these and of the others the largest first."""
+        turn = np.array([FIRST.get(family.number, 2) for family in FAMILIES])
+        found: IntArray = np.lexsort((self.key, -self.size, turn[self.family]))
         return found
 
 

@@ -21,6 +21,8 @@ from rhytid.synthesis.fields import Factors, Fields
 # leaders to the next.
 SHORTEST, LONGEST = 8.0, 28.0
 SEEDS = 3.2
+# How much less skin has of these where long level ones lead.
+_BEHIND = np.float32(0.85)
 Values = Callable[[Fields, NDArray[Any], NDArray[Any]], Factors]
 
 
@@ -75,7 +77,14 @@ def _upright(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> Factor
     return np.full(len(triangle), 0.5 * np.pi, np.float32)
 
 
-PREFERRED = Family(lambda f, *place: f.leading(*place), lambda f, *place: f.turn(*place))
+def _preferred(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+    """How far skin has those along the preferred directions: less where long level ones lead."""
+    crossing = np.minimum(fields.crossing(triangle, uv), np.float32(1.0))
+    found: Factors = fields.leading(triangle, uv) * (np.float32(1.0) - _BEHIND * crossing)
+    return found
+
+
+PREFERRED = Family(_preferred, lambda f, *place: f.turn(*place))
 CROSSING = Family(
     lambda f, *place: f.crossing(*place),
     _level,
@@ -194,17 +203,40 @@ RHOMBI = tuple(
     )
     for number, slant in ((7, -_SLANT), (8, _SLANT))
 )
+# Of the level ones of a forehead a few run across it, a centimetre apart, and swell, fade and break
+# in long waves; the others are smaller and lie between.
+FURROWS = replace(
+    CROSSING,
+    number=9,
+    seeds=6.0,
+    shortest=35.0,
+    longest=150.0,
+    apart=9.5,
+    farther=1.0,
+    least=0.7,
+    chance=(0.85, 0.4),
+    broad=1.9,
+    deep=1.1,
+    winding=((0.16, 24.0), (0.12, 7.0)),
+    waves=((7.0, 6.0), (16.0, 14.0), (34.0, 30.0)),
+    amplitude=0.28,
+    takes=4.0,
+    strip=14.0,
+)
 # By number.
-FAMILIES = (PREFERRED, CROSSING, RINGS, FROWN_LEFT, FROWN_RIGHT, CREASES, FANS, *RHOMBI)
-# Those that come before the others.
-FIRST = tuple(family.number for family in (RINGS, FROWN_LEFT, FROWN_RIGHT, FANS))
-# Those that expressions leave behind.
-_FOLDED = (PREFERRED, CROSSING, FROWN_LEFT, FROWN_RIGHT)
+FAMILIES = (PREFERRED, CROSSING, RINGS, FROWN_LEFT, FROWN_RIGHT, CREASES, FANS, *RHOMBI, FURROWS)
+# Those that come before the others, by their numbers, and which of these come first.
+FIRST = {family.number: 0 for family in (RINGS, FROWN_LEFT, FROWN_RIGHT, FANS)} | {
+    FURROWS.number: 1
+}
+# Those that expressions leave behind, beside those along the preferred directions.
+_FOLDED = (CROSSING, FROWN_LEFT, FROWN_RIGHT)
 
 
 def leading_any_way(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
     """(N,) how far skin folds so that it has leaders of any family; rings do not count."""
-    found: Factors = np.max([f.leading(fields, triangle, uv) for f in _FOLDED], axis=0)
+    ways = fields.leading(triangle, uv), *(f.leading(fields, triangle, uv) for f in _FOLDED)
+    found: Factors = np.max(ways, axis=0)
     return found
 
 

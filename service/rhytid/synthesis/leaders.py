@@ -19,7 +19,15 @@ from rhytid.support import cancellation
 from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.hashes import unit_intervals
 from rhytid.synthesis.leader_courses import Courses, starts
-from rhytid.synthesis.leader_families import CREASES, FAMILIES, RHOMBI, RINGS, Family, leading_of
+from rhytid.synthesis.leader_families import (
+    CREASES,
+    FAMILIES,
+    FURROWS,
+    RHOMBI,
+    RINGS,
+    Family,
+    leading_of,
+)
 from rhytid.synthesis.pore_density import SPACING, spacings
 from rhytid.synthesis.seams.borders import NONE
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, unit
@@ -35,7 +43,7 @@ _PACE = 1.15
 # Share of its length over which a line tapers to either end, and how broad the ends are.
 _TAPER, _ENDS = 0.34, 0.5
 # Families to which others come as near as the smaller of both distances.
-_ALONE = (RINGS.number, CREASES.number)
+_ALONE = (RINGS.number, CREASES.number, FURROWS.number)
 # Families whose lines keep no distance from lines of others: they run on over rings.
 _FREE = tuple(family.number for family in RHOMBI)
 # Points of a chosen line around which others are looked for at a time.

@@ -283,6 +283,10 @@ class PaintedFields(Fields):
         """How far lines differ from those beside them: of the regions."""
         return self._regions.factor("uneven", triangle, uv)
 
+    def rays(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far skin is of a region from whose border age draws rays: of the regions."""
+        return self._regions.factor("rays", triangle, uv)
+
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians to the left from the level direction. Painted directions, then folds, take the
         place of the preferred direction and of the turn of a region; patches sway about it, about

@@ -22,6 +22,7 @@ from rhytid.synthesis.hashes import Words, normals, place_keys
 from rhytid.synthesis.lattice import Around
 from rhytid.synthesis.leader_families import (
     CREASES,
+    CROSSING,
     FAMILIES,
     FANS,
     PREFERRED,
@@ -60,6 +61,8 @@ _OLD_NARROW = 0.7
 _OLD_FAN, _YOUNG_FAN = 1.6, 8.0
 # Rhombi of the neck deepen with its region.
 _OLD_RHOMBI = 1.5
+# Of the level ones of a forehead the furrows deepen, and the small ones between stay what they are.
+_OLD_SMALL = 0.8
 _OLD_OTHERS, _OLD_UNEVEN, _YOUNG_OTHERS = 0.65, 0.3, 0.75
 # Powers of the size and of the profile of leaders at 65: small ones come up to the large ones, so
 # that more are seen, and they are deep for a little more of their length. More was slits.
@@ -85,7 +88,9 @@ _TAKES_MORE = np.array([family.takes - 1.0 for family in FAMILIES], np.float32)
 _STRIPS = np.array([family.strip for family in FAMILIES])
 _PAIR = [family.number for family in FAMILIES if family.single]
 _RHOMBI = [family.number for family in RHOMBI]
-_STEEP = [PREFERRED.number, *_PAIR, *_RHOMBI]
+_STEEP = [PREFERRED.number, CROSSING.number, *_PAIR, *_RHOMBI]
+# Those that may lie between furrows of the forehead; and those that stay as uneven with age.
+_SMALL, _UNEVEN = [PREFERRED.number, CROSSING.number], [RINGS.number, *_RHOMBI]
 _TINY = np.float32(1e-6)
 # Pores on a leader would be beads on a string: of their depth is left.
 _BEADS = 0.6
@@ -111,7 +116,8 @@ class Ranks:
     skin: with it a leader is as deep as lines can be in its middle, or a crease as deep as it is at
     the usual distance of pores, and tapers from there as others do.  width (K,) float32: half
     widths, in pore spacings.  profile (K,) float32: from 0 at both ends of a leader to 1.
-    family (K,) int8: the number.
+    family (K,) int8: the number.  preferred (K,) int32: the leader, along the preferred directions,
+    and -1 for others.
     quiet (N,) float32: factor of the weight of other lines at each pore.  creased (N,) float32: one
     more, where skin has creases.
     calm (N,) float32: how far patches do not make other lines livelier, at each pore.
@@ -126,6 +132,7 @@ class Ranks:
     width: Singles
     profile: Singles
     family: NDArray[np.int8]
+    preferred: Indices
     quiet: Singles
     creased: Singles
     calm: Singles
@@ -159,7 +166,12 @@ class Ranks:
         leads = leading_of(along.family, fields, *(values[at] for values in place))
         usual, one = np.float32(leaders.usual), np.float32(1.0)
         own = np.where(along.family == CREASES.number, usual, one)
-        middle, profile, width = _sizes(along, even, leads, rank, worn, own)
+        small = np.where(
+            np.isin(along.family, _SMALL),
+            np.minimum(fields.crossing(*(values[at] for values in place)), 1.0),
+            0.0,
+        )
+        middle, profile, width = _sizes(along, even, leads, rank, worn, own, small)
         most = np.minimum(own, 1.0) / middle
         quiet = (1.0 - _BESIDE * _nearness(net, leaders, _REACH * spacing)) * (
             1.0 - _FOLDED * leading
@@ -168,12 +180,14 @@ class Ranks:
         quiet *= _of_others(worn, uneven) ** (worn * leading)
         creased = looked_up(fields.creased, net.pores)
         creased = 1.0 - _CREASED * np.minimum(creased / _RIM, 1.0)
+        preferred = np.where(along.family == PREFERRED.number, along.leader, -1)
         of_pores = np.ones(len(net.pores), np.float32)
         of_pores[net.first] = _BEADS ** min(rank, 1.0)
         return cls(
             row, _beside_none(0.0, middle * profile), _beside_none(np.inf, most),
             _beside_none(0.0, width), _beside_none(0.0, np.minimum(profile, 1.0)),
-            np.append(0, along.family).astype(np.int8), (quiet**rank).astype(np.float32),
+            np.append(0, along.family).astype(np.int8), np.append(-1, preferred).astype(np.int32),
+            (quiet**rank).astype(np.float32),
             (creased**rank).astype(np.float32), calm_of(leading, rank), of_pores, uneven, rank,
             worn,
         )  # fmt: skip
@@ -247,14 +261,15 @@ class RankedLines:
 
 
 class _Along(NamedTuple):
-    """Edges of leaders: which they are (L,), the depth, the size, the profile and the number of the
-    family of each."""
+    """Edges of leaders: which they are (L,), the depth, the size, the profile, the number of the
+    family and that of the leader of each."""
 
     edge: NDArray[np.intp]
     depth: Singles
     size: Singles
     profile: Singles
     family: NDArray[np.int64]
+    leader: NDArray[np.int64]
 
 
 def _sizes(
@@ -264,23 +279,27 @@ def _sizes(
     rank: float,
     worn: float,
     own: NDArray[np.floating],
+    small: NDArray[np.floating],
 ) -> tuple[NDArray[np.floating], NDArray[np.floating], NDArray[np.floating]]:
     """(L,) weights of leaders in their middle, profiles and half widths in pore spacings, at an
     age.
 
     even (L,): how far lines there are like those beside them.  leading (L,): how far skin has
     leaders of that family.  own (L,): the distance of pores that sizes are meant for, of what it
-    is.
+    is.  small (L,): how far each lies between furrows of the forehead.
     """
     # Those that expressions leave behind; lips have creases at any age.
     aged = np.where(along.family == CREASES.number, 0.0, worn)
     pair, fan = np.isin(along.family, _PAIR), along.family == FANS.number
     old = np.where(pair, _OLD_PAIR, _OLD**even * _OLD_NARROW ** (1.0 - even))
+    old = old ** (1.0 - small) * _OLD_SMALL**small
     old, young = np.where(fan, _OLD_FAN, old), np.where(fan, _YOUNG_FAN, _YOUNG)
     rhombi = np.isin(along.family, _RHOMBI)
     old = np.where(rhombi, _OLD_RHOMBI, old)
     deepest = _DEEPEST * (old if worn > 0.0 else young) ** aged
-    comes = np.where(pair | fan | rhombi | (along.family == RINGS.number), 0.0, aged)
+    comes = np.where(
+        pair | fan | rhombi | np.isin(along.family, _UNEVEN), 0.0, aged * (1.0 - small)
+    )
     shown = np.maximum(along.profile, _TINY)
     middle = deepest.astype(np.float32) * min(rank, 1.0) * along.depth * own / shown
     risen, profile = _older(along.depth / shown, along.profile, leading, comes)
@@ -345,7 +364,8 @@ def _edges_along(net: CandidateGraph, leaders: LeaderPores) -> _Along:
         np.float32(0.5) * (values[follows] + values[follows + 1])
         for values in (leaders.depth, leaders.width, leaders.profile)
     )
-    return _Along(edge, depth, width, profile, leaders.family[follows])
+    family, leader = leaders.family[follows], leaders.line[follows]
+    return _Along(edge, depth, width, profile, family, leader)
 
 
 def _edges_between(net: CandidateGraph, ends: NDArray[np.integer]) -> NDArray[np.intp]:

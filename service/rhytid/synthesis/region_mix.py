@@ -16,7 +16,10 @@ from rhytid.synthesis.fold_field import FoldField, Planes
 from rhytid.synthesis.painting import PaintedMaps
 
 # What regions have that is no factor, and is mixed as it is.
-_PLAIN = ("turn", "slant", "crossed", "rings", "rhombi", "creases", "uneven", "event_patches")
+_PLAIN = (
+    *("turn", "slant", "crossed", "rings", "rhombi", "creases", "uneven", "rays"),
+    "event_patches",
+)
 
 
 class RegionMix:
