@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rhytid.domain.mesh import Mesh
+from rhytid.synthesis import shapes
 from rhytid.synthesis.shapes import ALONG, edge_weights, half_widths_uv, pore_axes, pore_ellipses
 from rhytid.synthesis.surface import Surface
 
@@ -93,3 +94,18 @@ def test_weights_rise_with_strength_and_stay_below_one() -> None:
     assert (np.diff(weight) > 0).all()
     assert weight[0] > 0
     assert weight[-1] < 1
+
+
+def test_a_line_counts_at_both_of_its_pores() -> None:
+    """Twice its angle in the frame of each, by its weight; a line beyond a border at neither."""
+    frames = np.array([[2.0, 0.5, 3.0], [1.0, 0.0, 1.0]])
+    triangle, nodes = np.array([0, 1, 1]), np.array([[0, 1], [2, 1], [0, 3]])
+    step, weight = np.array([[1.0, 2.0], [3.0, -1.0], [1.0, 1.0]]), np.array([0.5, 0.25, 1.0])
+    wanted = np.zeros((3, 3))
+    for line, ends in enumerate(nodes[:2]):
+        for end in ends:
+            a, b, d = frames[triangle[end]]
+            angle = 2.0 * np.arctan2(d * step[line, 1], a * step[line, 0] + b * step[line, 1])
+            wanted[:, end] += weight[line] * np.array([np.cos(angle), np.sin(angle), 1.0])
+    found = shapes._axes_at_ends(frames, triangle, nodes, step, weight)
+    np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-15)
