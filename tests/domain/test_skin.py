@@ -79,9 +79,11 @@ def test_patches_of_old_skin_differ_less_and_those_of_young_skin_as_at_35() -> N
     assert aged(region, 20.0).patchiness == region.patchiness > aged(region, 50.0).patchiness
 
 
-def test_swells_of_an_old_forehead_stay_as_high_as_at_35() -> None:
-    """They are a share of the depth, which grows: raised brows made bark of them."""
-    region = REGIONS["forehead"]
+@pytest.mark.parametrize("name", ["forehead", "eye_corner"])
+def test_swells_of_skin_that_folds_one_way_stay_as_high_as_at_35(name: str) -> None:
+    """They are a share of the depth, which grows: raised brows made bark of them, and beside the
+    eye they would drown the lines of a smile."""
+    region = REGIONS[name]
     assert aged(region, 20.0).undulation == region.undulation
     height = aged(region, 65.0).undulation * depth_factor(65.0)
     assert height == pytest.approx(region.undulation, rel=0.15)
@@ -151,7 +153,8 @@ def test_coarse_regions_are_these() -> None:
     old["face"] = Old()
     old["neck"] = replace(old["neck"], pore_strength=1.0, young=1.0)
     old["mouth"] = replace(old["mouth"], strength=1.6, pore_strength=1.3, undulation=1.0, young=1.0)
-    old["forehead"] = replace(old["forehead"], undulation=1.0)
+    for name in ("forehead", "eye_corner"):
+        old[name] = replace(old[name], undulation=1.0)
     assert {n: r.old for n, r in found.items()} == old
     assert not any(region.event_patches for region in found.values())
     others = (found["lip"].bend, found["lip"].patchiness, found["neck"].bend)

@@ -63,8 +63,8 @@ EVENTS: dict[str, Event] = {
         patched=1.0,
         groups=9.0,
         rates={
-            WHOLE_FACE: 1.2, "forehead": 0.9, "cheek": 1.4, "nose": 0.2, "lip": 0.0,
-            "eye_corner": 0.1, "neck": 11.0, "mouth": 4.0,
+            WHOLE_FACE: 1.2, "forehead": 2.0, "cheek": 1.4, "nose": 0.2, "lip": 0.0,
+            "eye_corner": 0.1, "neck": 2.0, "mouth": 1.2,
         },
     ),
     # Low and broad, most of the young.
@@ -78,7 +78,7 @@ EVENTS: dict[str, Event] = {
         old=0.4,
         rates={
             WHOLE_FACE: 0.025, "forehead": 0.03, "cheek": 0.03, "nose": 0.01, "lip": 0.0,
-            "eye_corner": 0.0, "neck": 1.6,
+            "eye_corner": 0.0, "neck": 0.9,
         },
     ),
     # Of acne or chickenpox: a pit with a faint wall.

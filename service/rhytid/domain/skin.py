@@ -107,15 +107,15 @@ REGIONS: dict[str, Region] = {
     # Long level lines, coarse and deep, that hardly branch; pores of medium size.
     "forehead": Region(
         density=1.0,
-        strength=1.1,
-        pore_strength=0.78,
+        strength=1.15,
+        pore_strength=0.9,
         anisotropy=1.85,
         bend=0.3,
         scale=1.08,
         pore_radius=1.2,
         grain=1.15,
-        undulation=0.95,
-        patchiness=2.2,
+        undulation=0.85,
+        patchiness=2.5,
         leading=1.3,
         crossed=1.3,
         old=Old(strength=1.2, contrast=1.3, grain=1.3, undulation=0.69, patchiness=0.4),
@@ -123,13 +123,13 @@ REGIONS: dict[str, Region] = {
     # Led by large pores; a fine net of rhombi without much of a direction, faint.
     "cheek": Region(
         density=0.85,
-        strength=0.56,
+        strength=0.63,
         pore_strength=1.4,
         anisotropy=0.4,
         scale=0.85,
         pore_radius=1.35,
         grain=1.1,
-        undulation=1.0,
+        undulation=0.93,
         patchiness=0.35,
         leading=0.4,
         old=Old(strength=1.2, anisotropy=1.5, pore_radius=1.15, contrast=1.15, grain=1.3),
@@ -169,7 +169,7 @@ REGIONS: dict[str, Region] = {
     # Thin skin: fine lines that fan out from the corner, beside the eye nearly level; small pores.
     "eye_corner": Region(
         density=1.7,
-        strength=1.65,
+        strength=1.75,
         pore_strength=1.0,
         anisotropy=1.8,
         bend=0.4,
@@ -177,10 +177,10 @@ REGIONS: dict[str, Region] = {
         pore_radius=0.5,
         grain=0.8,
         patchiness=1.2,
-        undulation=0.65,
+        undulation=1.8,
         leading=0.9,
         rays=1.0,
-        old=Old(strength=1.6, scale=1.2, contrast=1.5, grain=1.8),
+        old=Old(strength=1.6, scale=1.2, contrast=1.5, grain=1.8, undulation=0.6),
     ),
     # A wide net of rhombi, longer than high, that age deepens as a whole; small pores. Both
     # families slant: along the folds of a neck, which are level, and across them they were a
@@ -201,9 +201,9 @@ REGIONS: dict[str, Region] = {
         rings=1.0,
         rhombi=1.0,
         event_patches=1.0,
-        pore_strength=0.95,
+        pore_strength=1.5,
         old=Old(
-            strength=2.1, pore_strength=1.4, anisotropy=1.1, contrast=1.0, grain=1.2, young=1.4
+            strength=2.1, pore_strength=1.0, anisotropy=1.1, contrast=1.0, grain=1.2, young=1.4
         ),
     ),
     # Around the lips, and the chin: short slants, soft and broad, between pores of medium size. The
@@ -211,12 +211,12 @@ REGIONS: dict[str, Region] = {
     "mouth": Region(
         density=0.5,
         strength=1.48,
-        pore_strength=0.92,
+        pore_strength=1.08,
         anisotropy=2.0,
         scale=1.12,
         pore_radius=1.1,
         grain=1.2,
-        undulation=1.75,
+        undulation=1.65,
         folded=0.35,
         patchiness=1.15,
         leading=0.85,
@@ -264,6 +264,7 @@ _COARSE: dict[str, dict[str, Any]] = {
         "pore_strength": 0.8,
         "scale": 0.85,
         "rays": 0.0,
+        "old": Old(strength=1.6, scale=1.2, contrast=1.5, grain=1.8),
     },
     "neck": {
         "density": 0.8,

@@ -32,7 +32,7 @@ _LEAST_WEIGHT = 1e-4
 # How far leaders follow patches, of how far other lines do.
 _PATCHED = np.float32(0.4)
 # The most patchiness of swells among leaders: lively ones would be lumps, and beads where pressed.
-_CALM = np.float32(1.1)
+_CALM = np.float32(1.8)
 # What nodes have around them where a graph has no array of it.
 _USUAL = {"node_grain": 1.0, "node_undulation": 1.0, "node_patchiness": 0.0}
 # Seams are looked at as closely as painted density can ask for: were it as closely as it does, what
