@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import fcntl
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -29,6 +31,14 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(tempfile, "tempdir", None)
     monkeypatch.setattr(temporary_folders, "_swept", set())
     return tmp_path
+
+
+def left_behind() -> Path:
+    """What a process that was killed left, with the marker."""
+    process, left = holder()
+    with process:
+        process.kill()
+    return left.parent
 
 
 def holder() -> tuple[subprocess.Popen[str], Path]:
@@ -77,3 +87,49 @@ def test_folders_that_are_named_a_place_have_no_lock(tmp_path: Path) -> None:
     with temporary_folder("x", tmp_path) as folder:
         assert folder.parent == tmp_path
         assert list(folder.iterdir()) == []
+
+
+def test_another_machine_that_shares_the_files_and_no_locks_removes_nothing(
+    place: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    boot = tmp_path_factory.mktemp("system") / "boot_id"
+    boot.write_text("another\n")
+    running, kept = holder()
+    with running:
+        left = left_behind()
+        with monkeypatch.context() as other:
+            other.setattr(temporary_folders, "_BOOT", boot)
+            other.setattr(fcntl, "flock", lambda *_: None)
+            with temporary_folder("rhytid-"):
+                assert (kept / "map.exr").exists()
+                assert left.exists()
+
+        temporary_folders._swept.clear()
+        with temporary_folder("rhytid-"):  # back on the machine of both
+            assert (kept / "map.exr").exists()
+            assert not left.exists()
+        assert running.stdin is not None
+        running.stdin.close()
+
+
+def test_a_lock_that_we_did_not_write_there_marks_nothing(place: Path) -> None:
+    left = left_behind()
+    copy = Path(shutil.copytree(left, place / "rhytid-copy1234"))
+    texts = {"empty123": b"", "other123": b"1234", "named123": b'{"format": 1}'}
+    others = [place / f"rhytid-{name}" for name in texts]
+    for other, text in zip(others, texts.values(), strict=True):
+        other.mkdir()
+        (other / "in-use").write_bytes(text)
+    with temporary_folder("rhytid-"):
+        assert not left.exists()
+        assert all(other.exists() for other in (copy, *others))
+
+
+def test_where_the_system_has_no_name_nothing_is_removed(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left = left_behind()
+    monkeypatch.setattr(temporary_folders, "_BOOT", place / "missing")
+    with temporary_folder("rhytid-") as folder:
+        assert not (folder.parent / "in-use").exists()
+        assert left.exists()

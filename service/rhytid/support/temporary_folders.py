@@ -1,7 +1,9 @@
 """Folders of unfinished work, so that a process that ends at once can remove them.
 
 A process that is killed cannot. So those among the temporary files of the system hold a locked
-file, and the next process that makes one removes those whose lock nobody holds.
+file, and the next process that makes one removes those whose lock nobody holds. File systems that
+machines share may keep locks in one machine, or in one mount: the file is the folder's marker
+(`ownership.FolderKind`), too, and says where its lock is seen. Elsewhere a folder is not ours.
 """
 
 from __future__ import annotations
@@ -10,7 +12,6 @@ import atexit
 import os
 import re
 import shutil
-import stat
 import sys
 import tempfile
 import time
@@ -19,6 +20,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
+
+from rhytid.support.ownership import FolderKind, is_marked
 
 if sys.platform != "win32":
     import fcntl
@@ -32,6 +35,8 @@ _TRIES, _PAUSE = 10, 0.02
 # their process is there, and the folder beside it, for what is made there.
 _OURS = re.compile(r"rhytid-(?:[a-z]+-)?[a-z0-9_]{8}", re.ASCII)
 _LOCK, _FILES = "in-use", "files"
+# Holds what names a system that runs, from its start to its end, and no other.
+_BOOT = Path("/proc/sys/kernel/random/boot_id")
 # Where this process has looked for folders that were left.
 _swept: set[Path] = set()
 
@@ -80,8 +85,10 @@ def _held(folder: Path) -> Iterator[Path]:
     aside = folder / f"{_LOCK}.new"
     descriptor = os.open(aside, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
     try:
-        with suppress(OSError):  # a file system without locks: no folder is ever taken for left
+        # Without locks, a name of the system or room for it, no folder is ever taken for left.
+        with suppress(OSError):
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            os.write(descriptor, _kind(folder).text())
             aside.rename(folder / _LOCK)
         yield files
     finally:
@@ -102,7 +109,7 @@ def _remove_left(parent: Path) -> None:
 
 def _remove_unless_held(folder: Path) -> None:
     found = folder.lstat()
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
+    if found.st_uid != os.getuid() or not is_marked(folder, _kind(folder)):
         return
     descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_NOFOLLOW)
     try:
@@ -110,6 +117,17 @@ def _remove_unless_held(folder: Path) -> None:
         shutil.rmtree(folder, ignore_errors=True)
     finally:
         os.close(descriptor)
+
+
+def _kind(folder: Path) -> FolderKind:
+    """What a folder that was made here and now is marked as. Raises OSError where the system does
+    not tell.
+
+    With another system, or another mount of the files, locks may not be shared; a copy has none.
+    """
+    device, number = _which(folder)
+    here = f"folder {number} of device {device} in boot {_BOOT.read_text().strip()}"
+    return FolderKind(f"rhytid temporary folder: {here}", marker=_LOCK)
 
 
 def remove_temporary_folders() -> None:
