@@ -141,11 +141,17 @@ BAD_BODIES = {
 
 @pytest.mark.parametrize(("body", "headers", "what"), BAD_BODIES.values(), ids=BAD_BODIES.keys())
 @pytest.mark.parametrize(
-    ("call", "named"), [("frames/bad", "frame 'bad'"), ("calibration", "calibration frame")]
+    ("method", "call", "named"),
+    [
+        ("PUT", "frames/bad", "frame 'bad'"),
+        ("PUT", "calibration", "calibration frame"),
+        ("POST", "tiles?tile=1001/0/0/0", "frame"),
+    ],
 )
 def test_bad_positions_are_refused(
     client: httpx.Client,
     asset: str,
+    method: str,
     call: str,
     named: str,
     body: bytes,
@@ -153,7 +159,8 @@ def test_bad_positions_are_refused(
     what: str,
 ) -> None:
     path = f"/v1/assets/{asset}/{call}"
-    told = is_problem(client.put(path, content=body, headers=headers), 422, "frame")
+    sent = client.request(method, path, content=body, headers=headers)
+    told = is_problem(sent, 422, "frame")
     assert what in told
     assert told.startswith(named)
     is_problem(client.get(f"/v1/assets/{asset}/frames/bad"), 404, "not-found")

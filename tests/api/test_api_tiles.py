@@ -17,7 +17,7 @@ from api.fake_frames import FakeFrames
 from api.fake_tiles import FakeTiles
 from api.live import serving
 from api.patch import smile, upload
-from rhytid.api.dependencies import drawing_of, no_repeats, positions_of
+from rhytid.api.dependencies import drawing_of, drawn_positions_of, no_repeats
 from rhytid.api.quick_route import TileRoute, TilesRoute
 from rhytid.api.routes.tiles import tile_router, tiles_router
 from rhytid.domain.tiles import TileAddress
@@ -342,7 +342,7 @@ def test_the_quick_way_has_all_that_the_route_depends_on() -> None:
     (route,) = tiles_router.routes
     assert isinstance(route, TilesRoute)
     found = [one.call for one in route.dependant.dependencies]
-    assert found == [no_repeats, drawing_of, positions_of]
+    assert found == [no_repeats, drawing_of, drawn_positions_of]
 
 
 @pytest.mark.parametrize(

@@ -122,20 +122,25 @@ async def no_repeats(request: Request) -> None:
             raise QueryError(f"query parameter {name!r} was sent more than once")
 
 
-async def positions_of(request: Request, asset: AssetId, engine: EngineDep) -> NDArray[np.float32]:
-    """The body as positions (V, 3) of an asset, less its centre; raises FrameError, naming the
-    frame of the path, or LimitError, and NotFoundError where there is no such asset."""
-    # The asset comes first: it says how much of a body is worth reading.
-    found = await run_in_threadpool(engine.assets.dimensions, asset)
-    figures: Figures = request.app.state.metrics.figures
-    with figures.stage("upload"):
-        body = await uploads.read_frame(request, found.vertices)
-    media_type = uploads.media_type_of(request)
-    name = request.path_params.get("frame")
-    what = "calibration frame" if name is None else f"frame {name!r:.80}"
-    sent = body, media_type, found.vertices, np.array(found.centre), what
-    with figures.stage("decode"):
-        return await run_in_threadpool(read_positions, *sent)
+def _positions(what: str) -> Callable[..., Awaitable[NDArray[np.float32]]]:
+    """Reads the body as positions (V, 3) of an asset, less its centre.
+
+    what: words for them in errors, with parameters of the path in braces. What is returned raises
+    FrameError with these words, or LimitError, and NotFoundError where there is no such asset.
+    """
+
+    async def read(request: Request, asset: AssetId, engine: EngineDep) -> NDArray[np.float32]:
+        # The asset comes first: it says how much of a body is worth reading.
+        found = await run_in_threadpool(engine.assets.dimensions, asset)
+        figures: Figures = request.app.state.metrics.figures
+        with figures.stage("upload"):
+            body = await uploads.read_frame(request, found.vertices)
+        media_type, words = uploads.media_type_of(request), what.format(**request.path_params)
+        sent = body, media_type, found.vertices, np.array(found.centre), words
+        with figures.stage("decode"):
+            return await run_in_threadpool(read_positions, *sent)
+
+    return read
 
 
 def _uploaded(read: Callable[[Request], Awaitable[Any]]) -> Callable[[Request], Awaitable[Any]]:
@@ -148,8 +153,13 @@ def _uploaded(read: Callable[[Request], Awaitable[Any]]) -> Callable[[Request], 
     return timed
 
 
-# The body as positions of the asset in the path.
-Positions = Annotated[NDArray[np.float32], Depends(positions_of)]
+# Positions of a frame that is drawn and not stored.
+drawn_positions_of = _positions("frame")
+# The body as positions of the asset in the path: of the frame in the path, of the one that bins are
+# for, and of one that is drawn and not stored.
+FramePositions = Annotated[NDArray[np.float32], Depends(_positions("frame {frame!r:.80}"))]
+CalibrationPositions = Annotated[NDArray[np.float32], Depends(_positions("calibration frame"))]
+DrawnPositions = Annotated[NDArray[np.float32], Depends(drawn_positions_of)]
 NoQuery = Depends(no_query)
 NoRepeats = Depends(no_repeats)
 # Held by `with` for as long as a request waits for the device; raises BusyError on entry. What is

@@ -17,7 +17,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.types import Receive, Scope, Send
 
 from rhytid.api.access import guard
-from rhytid.api.dependencies import REPEATED, drawing_of, positions_of
+from rhytid.api.dependencies import REPEATED, drawing_of, drawn_positions_of
 from rhytid.api.encoded_tiles import Asked
 from rhytid.api.encoding import kept_answer, made_answer
 from rhytid.api.schemas import TileQuery, TilesQuery
@@ -58,7 +58,7 @@ class TilesRoute(APIRoute):
             return
         await guard(request)
         asset, drawing = request.path_params["asset"], await drawing_of(request)
-        positions = await positions_of(request, asset, drawing.engine)
+        positions = await drawn_positions_of(request, asset, drawing.engine)
         response = await run_in_threadpool(self.endpoint, drawing, asset, positions, query)
         await response(scope, receive, send)
 

@@ -12,13 +12,14 @@ from rhytid.api.accept import preferred
 from rhytid.api.dependencies import (
     Allow,
     AssetId,
+    CalibrationPositions,
     EngineDep,
     FormerDep,
     FrameName,
+    FramePositions,
     JobPlace,
     Memory,
     NoQuery,
-    Positions,
     Slot,
     Strict,
 )
@@ -56,7 +57,7 @@ def listing(asset: AssetId, engine: EngineDep) -> Any:
 def put(
     asset: AssetId,
     frame: FrameName,
-    positions: Positions,
+    positions: FramePositions,
     engine: EngineDep,
     former: FormerDep,
     slot: Slot,
@@ -149,7 +150,7 @@ def stretch(
 def calibrate(
     place: JobPlace,
     asset: AssetId,
-    positions: Positions,
+    positions: CalibrationPositions,
     engine: EngineDep,
     response: Response,
     allow: Allow,

@@ -12,10 +12,10 @@ from rhytid.api.dependencies import (
     AssetId,
     Column,
     DrawingDep,
+    DrawnPositions,
     FrameName,
     Level,
     NoRepeats,
-    Positions,
     Row,
     Udim,
 )
@@ -107,7 +107,7 @@ def whole_map(
 def tiles_once(
     drawing: DrawingDep,
     asset: AssetId,
-    positions: Positions,
+    positions: DrawnPositions,
     query: Annotated[TilesQuery, Query()],
 ) -> Response:
     """Positions in, tiles out, nothing stored: multipart/mixed in the order of `tile`.
