@@ -78,6 +78,8 @@ def test_frames_of_the_mesh_file_count_where_there_are_no_shapes(url: str) -> No
         (("shapes.npy", b""), "part shapes: the file is not a .npy array"),
         (("shapes.npy", npy(np.full_like(SHAPES, np.nan))), "shape 0000, vertex 0"),
         (("shapes.npz", npz(shapes=SHAPES[:, :20])), "part shapes: shapes have shape (2, 20, 3)"),
+        (("shapes.npz", npz(frames=SHAPES[:, :20])), "part shapes: frames have shape (2, 20, 3)"),
+        (("shapes.npz", npz(frames=np.full_like(SHAPES, np.nan))), "part shapes: frame 0001, ver"),
         (("shapes", npy(SHAPES)), "part shapes has no filename with .npz or .npy"),
         (("shapes.obj", obj()), "must be one of .npz, .npy"),
         (("shapes.npz", b"PK"), "not a readable .npz archive"),

@@ -77,7 +77,7 @@ def read_expressions(data: bytes, name: str, mesh: Mesh) -> Expressions:
 
     .npz holds `shapes` (E, V, 3) positions and optionally `names` (E,), or else `frames`
     (N, V, 3); .npy is an array (E, V, 3). Raises ShapesError naming what is wrong, offsets in place
-    of positions too, FrameError over frames, or LimitError.
+    of positions too, or LimitError.
     """
     found = _expressions(data, name, len(mesh.positions), mesh.centre)
     found.check_size(mesh.positions)

@@ -147,17 +147,22 @@ def read_npz_frames(data: bytes, vertices: int, centre: Centre = ORIGIN) -> NDAr
     return _frames(Archive(data, FrameError), vertices, centre)
 
 
-def _frames(archive: Archive, vertices: int, centre: Centre) -> NDArray[np.float32]:
-    return check_frames(archive.read("frames", MAX_FRAME_NUMBERS), vertices, centre)
+def _frames(
+    archive: Archive, vertices: int, centre: Centre, error: type[FrameError] = FrameError
+) -> NDArray[np.float32]:
+    return check_frames(archive.read("frames", MAX_FRAME_NUMBERS), vertices, centre, error)
 
 
 def check_frames(
-    values: NDArray[Any], vertices: int, centre: Centre = ORIGIN
+    values: NDArray[Any],
+    vertices: int,
+    centre: Centre = ORIGIN,
+    error: type[FrameError] = FrameError,
 ) -> NDArray[np.float32]:
-    """Frames as (N, V, 3) float32 less the centre of their mesh, read-only; raises FrameError where
+    """Frames as (N, V, 3) float32 less the centre of their mesh, read-only; raises `error` where
     the shape is another, or naming the first vertex that is not finite."""
     if values.ndim != 3 or values.shape[1:] != (vertices, 3):
-        raise FrameError(f"frames have shape {values.shape}, not (N, {vertices}, 3)")
+        raise error(f"frames have shape {values.shape}, not (N, {vertices}, 3)")
     with np.errstate(over="ignore"):
         if centre.any():  # one by one: all of them in double would take twice the memory
             frames = np.empty(values.shape, np.float32)
@@ -169,20 +174,21 @@ def check_frames(
     if not finite.all():
         frame, vertex = np.unravel_index(int(np.argmin(finite)), finite.shape)
         where = f"frame {counted_frame(int(frame))}, vertex {vertex}"
-        raise FrameError(f"{where} is {frames[frame, vertex].tolist()}: not finite as float32")
+        raise error(f"{where} is {frames[frame, vertex].tolist()}: not finite as float32")
     frames.setflags(write=False)
     return frames
 
 
 def read_npz_expressions(data: bytes, vertices: int, centre: Centre = ORIGIN) -> Expressions:
     """The members `shapes` (E, V, 3) and `names` (E,) of a .npz file, or else its frames; raises
-    ShapesError where it has neither, with what may have been meant to be, or LimitError."""
+    ShapesError where it has neither, with what may have been meant to be, or naming what is wrong,
+    or LimitError."""
     archive = Archive(data, ShapesError)
     if "shapes" in archive:
         return _shapes(archive, vertices, centre)
     if "frames" in archive:
         # These are less the centre already.
-        return Expressions.checked(_frames(archive, vertices, centre), vertices)
+        return Expressions.checked(_frames(archive, vertices, centre, ShapesError), vertices)
     slips, others = _slips(archive, ("shapes", "frames"), vertices)
     known = [name for name in _MEMBERS if name in archive]
     held = _told(slips, [*others, *known]) or "nothing"
