@@ -91,7 +91,7 @@ def test_another_number_of_wrinkles_than_asked_for_is_said_with_the_reason() -> 
     settings = AssetSettings.parse(given).with_lengths(Lengths.of(0.25))
     assert spacing_of_count(settings, 0.251, 300).startswith("600 wrinkles fix the spacing")
     assert spacing_of_count(settings, 0.251, 263).startswith(
-        "263 have grown, not 300: that many are for skin of density 1 everywhere, and regions of "
+        "263 have grown, not 300: that many are for skin of density 0.5 everywhere, and regions of "
         "the face and what is painted have other densities; 600 wrinkles fix the spacing"
     )
 

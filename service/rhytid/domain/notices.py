@@ -156,7 +156,7 @@ def spacing_of_count(settings: AssetSettings, spacing: float, grown: int) -> str
     deep = f" (usually {SKIN.depth * depth_factor(settings.graph.age):.3g} mm)" if known else ""
     assert settings.graph.wrinkles is not None
     asked = round(settings.graph.wrinkles * settings.graph.density)
-    other = f"{grown} have grown, not {asked}: {_OTHER_COUNT}; " if grown != asked else ""
+    other = f"{grown} have grown, not {asked}: {_other_count(settings)}; " if grown != asked else ""
     return other + (
         f"{settings.graph.wrinkles} wrinkles fix the spacing, and depths follow it: pores are "
         f"{_length(spacing, settings)} apart{usual}, furrows of strength 1 are "
@@ -165,11 +165,12 @@ def spacing_of_count(settings: AssetSettings, spacing: float, grown: int) -> str
     )
 
 
-# Why another number of wrinkles grows than settings ask for.
-_OTHER_COUNT = (
-    "that many are for skin of density 1 everywhere, and regions of the face and what is painted "
-    "have other densities"
-)
+def _other_count(settings: AssetSettings) -> str:
+    """Why another number of wrinkles grows than settings ask for."""
+    return (
+        f"that many are for skin of density {settings.graph.density:g} everywhere, and regions of "
+        "the face and what is painted have other densities"
+    )
 
 
 def _grain_size(settings: AssetSettings) -> float | None:
