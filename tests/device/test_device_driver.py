@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -176,6 +177,19 @@ def test_the_files_of_drivers_stay_for_the_next_start(tmp_path, monkeypatch):
     other = loader._vendor_folder(Path("/other/libintelocl.so"), kept)
     assert other != first
     assert other.is_relative_to(kept)
+
+
+def test_the_files_of_drivers_are_prepared_under_names_that_no_other_process_has(
+    tmp_path, monkeypatch
+):
+    """Ids of processes are the same in two containers that share the folder of caches."""
+    aside, kept = [], tmp_path / "cache"
+    write = Path.write_bytes
+    monkeypatch.setattr(Path, "write_bytes", lambda *of: aside.append(of[0]) or write(*of))
+    for _ in range(2):
+        found = loader._vendor_folder(Path("/pip/libintelocl.so"), kept)
+        shutil.rmtree(found)
+    assert len(set(aside)) == len(aside) > 0
 
 
 def test_the_files_of_drivers_go_with_a_process_that_has_no_cache(tmp_path, monkeypatch):

@@ -11,6 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from rhytid.device.caches import provide_cache_folder
+from rhytid.support.atomic_files import atomic_write
 from rhytid.support.temporary_folders import removed_at_exit
 
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
@@ -85,7 +86,6 @@ def _filled(folder: Path, files: Mapping[str, bytes]) -> Path:
     for name, data in files.items():
         file = folder / name
         if not (file.is_file() and file.read_bytes() == data):
-            aside = folder / f"{name}.{os.getpid()}"
-            aside.write_bytes(data)
-            aside.replace(file)
+            with atomic_write(file) as aside:
+                aside.write_bytes(data)
     return folder
