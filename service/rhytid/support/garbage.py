@@ -1,5 +1,5 @@
 """When a process that answers requests looks through all its objects for garbage: that holds up
-all its threads, for 20 to 60 ms once libraries are imported, and a frame would wait for it."""
+all its threads, for 20 to 80 ms once libraries are imported, and a frame would wait for it."""
 
 from __future__ import annotations
 
