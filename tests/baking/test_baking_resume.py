@@ -27,6 +27,7 @@ from rhytid.exports.textures.profiles import profiles_of
 from rhytid.formats.exr import read_exr
 from rhytid.formats.meshes import MeshFile
 from rhytid.storage.manifest import StoredFile
+from rhytid.support import atomic_files
 from rhytid.support.console import Stopwatch, Verbosity, use_verbosity
 
 SQUARE = Mesh(
@@ -225,6 +226,40 @@ def test_a_strict_bake_takes_up_what_is_there(engine: FakeEngine, tmp_path: Path
     strict.run()
 
     assert (strict.written, strict.skipped, strict.warnings.found) == (2, 2, [])
+
+
+@pytest.mark.parametrize("surfaces", [False, True])
+def test_a_strict_bake_takes_up_what_a_killed_one_left(
+    surfaces: bool, engine: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    killed = baker(engine, tmp_path, [0.5, 0.25])
+    killed.geometry = Geometry(SQUARE, "glb", 1) if surfaces else None
+    last, install = ".glb" if surfaces else ".exr", atomic_files.install
+    ended: list[str] = []
+
+    def kill(source: Path, target: Path) -> None:
+        """Nothing is written after the first such file has its name."""
+        if ended:
+            raise KeyboardInterrupt
+        if target.suffix == last:
+            ended.append(target.name)
+        install(source, target)
+        if ended:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(atomic_files, "install", kill)
+    with pytest.raises(KeyboardInterrupt):
+        killed.run()
+    monkeypatch.undo()
+    there = [file.name for file in tmp_path.iterdir() if file.suffix in {".exr", ".glb"}]
+    assert ended[0] in there
+    strict = baker(engine, tmp_path, [0.5, 0.25])
+    strict.geometry = killed.geometry
+    strict.warnings = RunWarnings("bake", True)
+
+    strict.run()
+
+    assert (strict.skipped, strict.warnings.found) == (len(there), [])
 
 
 def test_a_strict_bake_over_what_is_there_hashes_each_file_once(

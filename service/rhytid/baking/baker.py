@@ -32,6 +32,7 @@ from rhytid.engine.messages import AssetInfo, MapQuery
 from rhytid.exports.textures.frame_map import Facts, FrameMap
 from rhytid.exports.textures.profiles import Profile
 from rhytid.exports.textures.writers import write_parts
+from rhytid.support.atomic_files import before_naming
 from rhytid.support.console import Stopwatch, counted, detail
 
 if TYPE_CHECKING:
@@ -283,32 +284,33 @@ class Baker:
         for one in due:
             frame.writers.check()
             with self.watch.step("write"):
-                if (digest := self._copied(frame, one)) is None:
-                    # By which readers know maps of another mesh.
-                    facts = {"triangles": len(self.mesh.faces), **one.profile.all_facts(map)}
-                    digest = one.profile.write(one.file, map, facts)
                 method = self.query.method if one.profile.drawn else ""
-                frame.record.add(one.file, one.key, method, digest)
+                with before_naming(partial(frame.record.add, one.file, one.key, method)):
+                    if not self._copied(frame, one):
+                        # By which readers know maps of another mesh.
+                        facts = {"triangles": len(self.mesh.faces), **one.profile.all_facts(map)}
+                        one.profile.write(one.file, map, facts)
             detail(f"wrote {one.file.name}")
         return len(due)
 
-    def _copied(self, frame: _Frame, one: _DueMap) -> str | None:
-        """Write a file as a copy of one with the same key, with the name of its own frame; SHA-256
-        of it, None where that was not possible. The bytes that are copied have the hash that the
-        record has of them. Raises what the writing of the other one did."""
+    def _copied(self, frame: _Frame, one: _DueMap) -> bool:
+        """Write a file as a copy of one with the same key, with the name of its own frame;
+        whether that was possible. The bytes that are copied have the hash that the record has of
+        them. Raises what the writing of the other one did."""
         if one.source is None or one.profile.renamed is None:
-            return None
+            return False
         file, written = one.source
         if written is not None:
             written.result()
         data = frame.record.contents(file, one.key)
         if data is None:
-            return None
+            return False
         try:
             parts = one.profile.renamed(data, "frame", frame.place.label)
         except (KeyError, ValueError):
-            return None
-        return write_parts(one.file, parts)
+            return False
+        write_parts(one.file, parts)
+        return True
 
     def _write_surface(
         self, frame: _Frame, one: tuple[Path, str], drawn: Mapping[int, FrameMap]
@@ -317,9 +319,9 @@ class Baker:
         assert self.geometry is not None
         file, key = one
         maps = {udim: map.bordered() for udim, map in drawn.items()}
-        with self.watch.step("geometry"):
-            digest = self.geometry.write(file, frame.surface.positions, maps)
-            frame.record.add(file, key, self.query.method, digest)
+        add = partial(frame.record.add, file, key, self.query.method)
+        with self.watch.step("geometry"), before_naming(add):
+            self.geometry.write(file, frame.surface.positions, maps)
         detail(f"wrote {file.name}")
         return 1
 

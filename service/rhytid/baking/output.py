@@ -255,13 +255,13 @@ class BakeRecord:
                 return data
         return None
 
-    def add(self, file: Path, key: str, method: str, digest: str | None = None) -> None:
-        """Record that `file` was written for `key`. The record is on the disk when this returns.
+    def add(self, file: Path, key: str, method: str, digest: str) -> None:
+        """Record that `file` is written for `key`. The record is on the disk when this returns.
 
-        method: as in `Origin`.  digest: SHA-256 of the bytes that were written; None to read them
-        again.
+        Called before the file gets its name: a bake that is killed between the two leaves an entry
+        of a file that is not there, and never a file that no record knows.  method: as in `Origin`.
+        digest: SHA-256 of its bytes.
         """
-        digest = digest or StoredFile.read(file).sha256
         with self._lock:
             by = Origin(self._drawn_by, method)._asdict()
             self._maps[file.name] = {"key": key, "sha256": digest, **by}

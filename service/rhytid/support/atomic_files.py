@@ -12,6 +12,7 @@ import stat
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from functools import partial
 from pathlib import Path
 
@@ -50,6 +51,10 @@ def _new_name() -> str:
 _places: dict[Path, Path] = {}
 # Files that `atomic_write` prepares now, by where.
 _prepared: dict[Path, Path] = {}
+# SHA-256 of those that `write_hashed` has written.
+_digests: dict[Path, str] = {}
+# See `before_naming`.
+_before: ContextVar[Callable[[str], object] | None] = ContextVar("before naming", default=None)
 # How often a folder is emptied in which others write, and the seconds between two times.
 _TRIES, _PAUSE = 10, 0.02
 # Bytes that are copied at a time.
@@ -101,6 +106,8 @@ def write_hashed(path: Path, pieces: Iterable[bytes | memoryview]) -> str:
     that none is read again."""
     digest = hashlib.sha256()
     write_pieces(path, _passing(pieces, digest))
+    if path in _prepared:
+        _digests[path] = digest.hexdigest()
     return digest.hexdigest()
 
 
@@ -281,9 +288,40 @@ def atomic_write(file: Path, *, private: bool = False, group: bool = False) -> I
             yield aside
             if private:
                 restrict(aside, group=group)
+            _tell_whole(aside)
             install(aside, file)
         finally:
             del _prepared[aside]
+            _digests.pop(aside, None)
+
+
+@contextmanager
+def before_naming(do: Callable[[str], object]) -> Iterator[None]:
+    """While the block runs, `atomic_write` of this thread calls `do` with the SHA-256 of each file
+    that is whole, before the file gets its name. What `do` writes itself is left out."""
+    token = _before.set(do)
+    try:
+        yield
+    finally:
+        _before.reset(token)
+
+
+def _tell_whole(aside: Path) -> None:
+    if (do := _before.get()) is None:
+        return
+    token = _before.set(None)
+    try:
+        do(_digests.get(aside) or _digest_of(aside))
+    finally:
+        _before.reset(token)
+
+
+def _digest_of(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        for piece in iter(partial(file.read, _PIECE), b""):
+            digest.update(piece)
+    return digest.hexdigest()
 
 
 def being_written() -> list[Path]:
