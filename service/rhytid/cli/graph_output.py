@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -100,7 +100,7 @@ def write_outputs(
     mesh: Mesh,
     graph: WrinkleGraph,
     facts: dict[str, Any],
-    first: Callable[[], None] = lambda: None,
+    first: Callable[[], None] | None = None,
 ) -> None:
     """Write the outputs that the arguments ask for, and report `facts` with the statistics of the
     graph.  first: writes the graph itself, while this is measured."""
@@ -116,7 +116,7 @@ def write_outputs(
         "depth": lengths.depth,
         "spacing": lengths.spacing,
     }
-    with working("measuring the graph"), _beside(first):
+    with working("measuring the graph"), _beside(first) if first else nullcontext():
         figures = {**facts, **statistics(mesh, graph, device), **drawn}
     if arguments.curves is not None:
         write = curve_file(arguments.curves.name).write
