@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.tiles import MapAddress
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.job import Job
 from rhytid.engine.messages import (
@@ -20,6 +21,7 @@ from rhytid.engine.messages import (
     TilePlan,
 )
 from rhytid.formats.tile_header import TileHeader
+from rhytid.support.build_identity import drawing_version
 
 ASSET = AssetInfo(
     id="a" * 16,
@@ -38,14 +40,15 @@ SIDE = 4
 
 
 class FakeEngine:
-    """Maps are full of a frame's first number; `drawn` lists them, `revision` is in every key."""
+    """Maps are full of a frame's first number; `drawn` lists them, `revision` and `version`, of
+    the device and the drawing, are in every key."""
 
     def __init__(self) -> None:
         self.held: dict[str, NDArray[Any]] = {}
         self.drawn: list[tuple[str, int]] = []
         self.digests: list[str] = []
         self.calibrated: list[float] = []
-        self.revision = 0
+        self.revision, self.version = 0, drawing_version()
         self.failing_after: int | None = None
         self.calibration = Job(JobInfo("c", ASSET.id, "calibration", "queued", 0.0, "", ""))
         self.assets, self.frames = FakeAssets(self), FakeFrames(self)
@@ -89,7 +92,11 @@ class FakeJobs(Part):
 class FakeTiles(Part):
     @property
     def drawn_by(self) -> str:
-        return f"a device, drawing {self.engine.revision}"
+        return f"device {self.engine.revision}/{self.engine.version}"
+
+    def key(self, asset: str, frame: str, query: MapQuery, place: MapAddress, drawn_by: str) -> str:
+        value, drawn = self.engine.held[frame][0, 0], (query.method, query.stretch, query.sampling)
+        return f"{drawn_by}/{value}/{'/'.join(drawn)}/{place}"
 
     def triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
         return np.zeros((SIDE, SIDE), np.int32)
@@ -104,6 +111,6 @@ class FakeTiles(Part):
             engine.drawn.append((frame, udim))
             return np.full((SIDE, SIDE), value, np.float32)
 
-        key = f"{engine.revision}/{value}/{'/'.join(drawn)}/{udim}/{level}"
+        key = self.key(asset, frame, query, MapAddress(udim, level), self.drawn_by)
         header = TileHeader("cm", frame, asset, *drawn, udim, level, 0, 0, 1.0)
         return TilePlan(TileDescription(key, header, SIDE), draw)

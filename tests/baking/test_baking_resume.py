@@ -6,6 +6,7 @@ import json
 import os
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, cast
 
@@ -28,6 +29,7 @@ from rhytid.formats.exr import read_exr
 from rhytid.formats.meshes import MeshFile
 from rhytid.storage.manifest import StoredFile
 from rhytid.support import atomic_files
+from rhytid.support.build_identity import drawing_version
 from rhytid.support.console import Stopwatch, Verbosity, use_verbosity
 
 SQUARE = Mesh(
@@ -262,6 +264,35 @@ def test_a_strict_bake_takes_up_what_a_killed_one_left(
     assert (strict.skipped, strict.warnings.found) == (len(there), [])
 
 
+@pytest.mark.parametrize("change", ["device", "version", "method", "bytes"])
+@pytest.mark.parametrize("surfaces", [False, True])
+def test_what_workers_of_other_devices_wrote_is_done(
+    surfaces: bool, change: str, engine: FakeEngine, tmp_path: Path
+) -> None:
+    """The machine that begins a bake on a cluster may have none of the devices of its workers."""
+    values = [0.5, 0.25]
+    engine.version += "~" if change == "version" else ""
+    for part in ("1", "2"):
+        engine.revision += 1
+        done = baker(engine, tmp_path, values, part=part)
+        done.geometry = Geometry(SQUARE, "glb", 1) if surfaces else None
+        done.run()
+    engine.revision += 1
+    engine.version = drawing_version()
+    if change == "bytes":
+        (tmp_path / "face.1002.0002.exr").write_bytes(b"older")
+    method = "binned" if change == "method" else "redraw"
+    client = baker(engine, tmp_path, values, method=method)
+    client.geometry = Geometry(SQUARE, "glb", 1) if surfaces else None
+    client.warnings = RunWarnings("bake", True)
+    before = contents(tmp_path)
+
+    with nullcontext() if change == "device" else pytest.raises(StrictError, match="files-repl"):
+        client.refuse_replaced()
+
+    assert contents(tmp_path) == before
+
+
 def test_a_strict_bake_over_what_is_there_hashes_each_file_once(
     engine: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -422,9 +453,19 @@ def test_a_map_is_found_in_its_frame_by_its_name(
     others = dict.fromkeys(("face.0001.glb", "face.normal-dx.0003.1001.png"), entry)
     (tmp_path / "face.bake.9.json").write_text(json.dumps({"maps": others}))
     found = part.output.by_method(part.frames.places)
-    assert {name: frames.text() for name, frames in found.items()} == {
+    assert {name: frames and frames.text() for name, frames in found.items()} == {
         "binned": "2-3", "convolved": "1,3", "redraw": "1",
     }  # fmt: skip
+
+
+def test_a_method_of_another_animation_is_named_without_frames(
+    engine: FakeEngine, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bake(engine, tmp_path, [0.5, 0.25, 0.75])
+    (tmp_path / "face.bake.json").rename(tmp_path / "face.bake.3.json")
+    bake(engine, tmp_path, [0.5, 0.25], method="binned")
+    told = "maps are by binned (frames 1-2) and redraw (other frames), as --frame-range takes them"
+    assert told in capsys.readouterr().err
 
 
 def test_frames_by_two_methods_are_told(

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,9 @@ from meshes import bumpy_grid, deform
 from rhytid.baking.farm import dask_cluster
 from rhytid.baking.farm.dask_cluster import Cluster, local_cluster
 from rhytid.cli import main
+from rhytid.engine.messages import TilePlan
+from rhytid.engine.tiles.service import TileService
+from rhytid.support.build_identity import drawing_version
 from storage.leftovers import left_by_a_killed_writer
 
 SMALL = ("--resolution", "256", "--wrinkles", "400")
@@ -108,6 +112,70 @@ def test_a_strict_bake_that_would_replace_a_file_begins_no_chunk(
     last.unlink()
     assert main([*given(shot, cluster, out), "--strict"]) == 0
     assert maps(out) == maps(shot / "one")
+
+
+@pytest.mark.slow
+def test_a_strict_bake_takes_up_what_workers_of_another_device_wrote(
+    shot: Path, cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures = tmp_path / "figures.json"
+    command = [*given(shot, cluster, tmp_path / "out"), "--chunk", "3", "--json", str(figures)]
+    assert main([*command, "--frame-range", "1-3"]) == 0
+
+    here = property(lambda _: f"Other/1/Device/{drawing_version()}")
+    monkeypatch.setattr(TileService, "drawn_by", here)
+    plan = TileService.plan
+
+    def planned(tiles: Any, *place: Any) -> TilePlan:
+        made = plan(tiles, *place)
+        key = tiles.key(*place, tiles.drawn_by)
+        return replace(made, description=replace(made.description, key=key))
+
+    monkeypatch.setattr(TileService, "plan", planned)
+    assert main([*command, "--strict"]) == 0
+
+    told = json.loads(figures.read_text())
+    assert (told["written"], told["skipped"], told["warnings"]) == (3, 3, [])
+
+
+@pytest.mark.slow
+def test_methods_are_told_once_by_what_is_there_at_the_end(
+    shot: Path, cluster: Cluster, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    command = [*given(shot, cluster, out), "--chunk", "1"]
+    binned = [*command, "--method", "binned", "--strict", "--allow", "files-replaced"]
+    assert main(command) == 0
+    capsys.readouterr()
+
+    assert main([*binned, "--frame-range", "1-2"]) == 1
+    told = capsys.readouterr().err
+    assert told.count("methods-mixed: ") == 1
+    assert "maps are by binned (frames 1-2) and redraw (frames 3-6), as" in told
+    assert "1 warning, after files were written (--allow methods-mixed would" in told
+
+    assert main(binned) == 0
+    assert "methods-mixed" not in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_methods_are_told_where_a_bake_fails(
+    shot: Path, cluster: Cluster, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = [f"v {x} {y} {z}\n" for x, y, z in bumpy_grid(10, seed=1).positions]
+    for number in range(1, 5):
+        (tmp_path / f"f.{number:04d}.obj").write_text("".join(lines))
+    frames = ["--frames", *map(str, sorted(tmp_path.glob("*.obj")))]
+    command = [*given(shot, cluster, tmp_path / "out"), *frames, "--chunk", "4"]
+    assert main(command) == 0
+    (tmp_path / "f.0003.obj").write_text("".join(lines[:3]))
+    capsys.readouterr()
+
+    assert main([*command, "--method", "neutral"]) == 1
+
+    told = capsys.readouterr().err
+    assert "maps are by neutral (frames 1-2) and redraw (frames 3-4), as" in told
+    assert "f.0003.obj" in told.splitlines()[-1]
 
 
 @pytest.mark.slow

@@ -60,7 +60,7 @@ def bake(out: Path, dask: str = "tcp://farm:8786") -> Undrawn:
     frames = SimpleNamespace(places=[FramePlace(str(n), None, n) for n in range(1001, 1005)])
     output = Output(out, "face", PROFILES)
     asset = SimpleNamespace(udims=(1001, 1002))
-    looked = {"refuse_replaced": lambda: None}
+    looked = {"refuse_replaced": lambda: None, "tell_origins": lambda found: None}
     baker = SimpleNamespace(frames=frames, output=output, asset=asset, **looked)
     given = SimpleNamespace(numbers=FrameRange.of(range(1001, 1005)), name="face")
     return Undrawn(request, cast("Any", given), cast("Any", baker))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -26,6 +26,7 @@ from rhytid.baking.output import BakeRecord, Origin, Output, mesh_facts
 from rhytid.baking.request import Lag
 from rhytid.baking.run_warnings import RunWarnings
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.tiles import MapAddress
 from rhytid.domain.warnings import FILES_REPLACED
 from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import AssetInfo, MapQuery
@@ -33,6 +34,7 @@ from rhytid.exports.textures.frame_map import Facts, FrameMap
 from rhytid.exports.textures.profiles import Profile
 from rhytid.exports.textures.writers import write_parts
 from rhytid.support.atomic_files import before_naming
+from rhytid.support.build_identity import drawing_version
 from rhytid.support.console import Stopwatch, counted, detail
 
 if TYPE_CHECKING:
@@ -80,14 +82,23 @@ class Baker:
         """Write every file that is missing or out of date."""
         places = self.output.places(self.frames.places)
         self.write(places, counted(places, "baking", "frame", worked=lambda: self.worked))
+        if self.written:
+            self.tell_origins(self.output.origins(self._origin))
+            self.warnings.refuse()
+
+    def tell_origins(self, found: Collection[Origin]) -> None:
+        """Warn where several devices or methods drew the maps, once all parts are written."""
+        self.warnings.origins(found, partial(self.output.by_method, self.frames.places))
 
     def refuse_replaced(self) -> None:
         """Where warnings are errors, raise StrictError if a file of any frame that is baked would
-        be replaced; for a bake whose frames are written elsewhere, part by part."""
+        be replaced; for a bake whose frames are written elsewhere, part by part. Which devices
+        these parts have is not known: files of any device count as done."""
         if self.warnings.refuses(FILES_REPLACED):
-            places = self.output.places(self.frames.places)
+            places, record = self.output.places(self.frames.places), self._record()
+            alike = {one for one in record.devices() if one.endswith(f"/{drawing_version()}")}
             with FileWriters(self.engine.memory.limit) as writers:
-                self._refuse_replaced(self._record(), writers, places)
+                self._refuse_replaced(record, writers, places, alike)
 
     def write(
         self,
@@ -115,9 +126,6 @@ class Baker:
                     ahead.append(self._frame(record, writers, place))
                 written = sum(done.result() for done in ahead.popleft())
                 self.written, self.worked = self.written + written, written > 0
-        if self.written:
-            by_method = partial(self.output.by_method, self.frames.places)
-            self.warnings.origins(self.output.origins(self._origin), by_method)
 
     def first_maps(self) -> tuple[Texels, Iterator[tuple[int, Texels]]]:
         """The first frame that is baked: its positions, and its maps by UDIM, each drawn when it is
@@ -173,20 +181,38 @@ class Baker:
         return frame, {udim: self._plan(place, udim) for udim in self.asset.udims}
 
     def _refuse_replaced(
-        self, record: BakeRecord, writers: FileWriters, places: Sequence[FramePlace]
+        self,
+        record: BakeRecord,
+        writers: FileWriters,
+        places: Sequence[FramePlace],
+        others: Collection[str] = (),
     ) -> None:
-        """Raise StrictError where a file of any frame would be replaced, before one is written."""
+        """Raise StrictError where a file of any frame would be replaced, before one is written.
+        others: devices whose files are not replaced either."""
         format = self.geometry.format if self.geometry else None
         there = {file.name for file in self.output.folder.iterdir()}
         held = [p for p in places if there & self.output.names([p], self.asset.udims, format)]
         for place in counted(held, "checking", "frame"):
             frame, plans = self._begun(record, writers, place)
-            files = [(f, key) for p in plans.values() for f, key, _ in self._map_files(frame, p)]
-            surface = self._surface_file(frame, plans)
-            for file, key in [*files, *([surface] if surface else [])]:
-                if file.exists() and not record.done(file, key):
+            wanted = self._files(frame, _keys(plans))
+            for one in others:
+                for file, keys in self._files(frame, self._keys_by(one, place)).items():
+                    wanted[file] |= keys
+            for file, keys in wanted.items():
+                if file.exists() and not any(record.done(file, key) for key in keys):
                     self.warnings.replaces(file)
             self.engine.frames.delete(self.asset.id, place.label)
+
+    def _files(self, frame: _Frame, keys: Mapping[int, str]) -> dict[Path, set[str]]:
+        """The files of a frame, and the key of each.  keys: of its maps, by UDIM."""
+        maps = [(f, key) for one in keys.items() for f, key, _ in self._map_files(frame, *one)]
+        surface = self._surface_file(frame, keys)
+        return {file: {key} for file, key in [*maps, *([surface] if surface else [])]}
+
+    def _keys_by(self, drawn_by: str, place: FramePlace) -> dict[int, str]:
+        """The keys of the maps of a frame where another device draws them."""
+        key = partial(self.engine.tiles.key, self.asset.id, place.label, self.query)
+        return {udim: key(MapAddress(udim, 0), drawn_by) for udim in self.asset.udims}
 
     def _record(self) -> BakeRecord:
         return self.output.record(self.engine.tiles.drawn_by)
@@ -220,34 +246,32 @@ class Baker:
         """The files of one map that are not done."""
         return [
             _DueMap(file, key, profile, frame.source(profile, file, key))
-            for file, key, profile in self._map_files(frame, plan)
+            for file, key, profile in self._map_files(frame, plan.header.udim, plan.key)
             if not self._is_done(frame, file, key)
         ]
 
-    def _map_files(self, frame: _Frame, plan: TilePlan) -> Iterator[tuple[Path, str, Profile]]:
-        """The files of one map, and the keys of their contents."""
+    def _map_files(self, frame: _Frame, udim: int, key: str) -> Iterator[tuple[Path, str, Profile]]:
+        """The files of one map, and the keys of their contents.  key: of the map."""
         for profile in self.output.profiles:
-            file = self.output.file(profile, plan.header.udim, frame.place)
+            file = self.output.file(profile, udim, frame.place)
             # A map of the neutral is the same in all frames, what is made of positions is not.
             digest = frame.surface.digest() if profile.posed else ""
             digest += frame.surface.history() if profile.lagging else ""
-            yield file, f"{plan.key}-{profile.key}{digest}", profile
+            yield file, f"{key}-{profile.key}{digest}", profile
 
     def _due_surface(self, frame: _Frame, plans: Mapping[int, TilePlan]) -> tuple[Path, str] | None:
         """The file of the surface of a frame, and its key, unless it is done."""
-        one = self._surface_file(frame, plans)
+        one = self._surface_file(frame, _keys(plans))
         return None if one is None or self._is_done(frame, *one) else one
 
-    def _surface_file(
-        self, frame: _Frame, plans: Mapping[int, TilePlan]
-    ) -> tuple[Path, str] | None:
+    def _surface_file(self, frame: _Frame, keys: Mapping[int, str]) -> tuple[Path, str] | None:
         """The file of the surface that the maps of a frame displace, and the key of its contents;
-        None where surfaces are not asked for."""
+        None where surfaces are not asked for.  keys: of the maps, by UDIM."""
         if self.geometry is None:
             return None
         file = self.output.geometry_file(frame.place, self.geometry.format)
-        keys = [frame.surface.digest(), *(plan.key for plan in plans.values())]
-        key = hashlib.sha256("\n".join([*keys, self.geometry.words]).encode()).hexdigest()
+        words = [frame.surface.digest(), *keys.values(), self.geometry.words]
+        key = hashlib.sha256("\n".join(words).encode()).hexdigest()
         return file, key
 
     def _is_done(self, frame: _Frame, file: Path, key: str) -> bool:
@@ -337,6 +361,10 @@ class Baker:
         info = self.engine.frames.put(self.asset.id, place.label, positions)
         self.warnings.frame(info.warnings, place.name)
         return positions, info.log_stretch["abs_p90"]
+
+
+def _keys(plans: Mapping[int, TilePlan]) -> dict[int, str]:
+    return {udim: plan.key for udim, plan in plans.items()}
 
 
 # A file with the same contents, and its writing where that may not have ended.

@@ -99,15 +99,19 @@ class Output:
         marks = {*self.folder.glob(f"{name}.device.*.json")} - {mark}
         if not marks:
             return {now}
-        found = {now, *self._origin_of_each().values()}
+        found = {now, *self.recorded()}
         if all(now.has(one) for one in found):
             for one in marks:
                 one.unlink(missing_ok=True)
         return found
 
-    def by_method(self, frames: Sequence[FramePlace]) -> dict[str, FrameRange]:
-        """The numbers of the frames that have maps by each method, by all records.  frames: of the
-        animation."""
+    def recorded(self) -> set[Origin]:
+        """What drew the maps of all parts, and how, by their records."""
+        return {*self._origin_of_each().values()}
+
+    def by_method(self, frames: Sequence[FramePlace]) -> dict[str, FrameRange | None]:
+        """The numbers of the frames that have maps by each method, by all records; None where
+        these are of another animation.  frames: of this one."""
         numbers = dict(zip((one.label for one in frames), frame_numbers(frames), strict=True))
         patterns = [profile.pattern(self.name) for profile in PROFILES.values()]
         named = re.compile("|".join(map(_names_like, [*patterns, f"{self.name}.<FRAME>.<ANY>"])))
@@ -115,9 +119,10 @@ class Output:
         for file, origin in self._origin_of_each().items():
             match = named.fullmatch(file)
             label = next(filter(None, match.groups()), "") if match else ""
-            if origin.method and label in numbers:
-                found.setdefault(origin.method, set()).add(numbers[label])
-        return {method: FrameRange.of(them) for method, them in sorted(found.items())}
+            if origin.method:
+                known = {numbers[label]} if label in numbers else set()
+                found.setdefault(origin.method, set()).update(known)
+        return {k: FrameRange.of(them) if them else None for k, them in sorted(found.items())}
 
     def _origin_of_each(self) -> dict[str, Origin]:
         """What drew each map, by its name. Where several records have a map, the latest counts."""
@@ -235,6 +240,10 @@ class BakeRecord:
         self._lock = threading.Lock()
         # By name: what `_identity` said of a file when it was hashed, and its SHA-256.
         self._hashed: dict[str, tuple[Identity, str]] = {}
+
+    def devices(self) -> set[str]:
+        """What drew the maps that this record and the others know, as `drawn_by` names it."""
+        return {entry["drawn_by"] for maps in self._found for entry in maps.values()}
 
     def done(self, file: Path, key: str) -> bool:
         """Whether `file` is there as it was written for `key`."""

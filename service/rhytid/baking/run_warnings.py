@@ -109,18 +109,19 @@ class RunWarnings:
         self.refuse()
 
     def origins(
-        self, found: Collection[Origin], by_method: Callable[[], Mapping[str, FrameRange]]
+        self, found: Collection[Origin], by_method: Callable[[], Mapping[str, FrameRange | None]]
     ) -> None:
         """Warn where several devices or methods drew the maps of one bake, as `Output.origins` has
-        them.  by_method: gives the frames of each. Raises StrictError."""
-        devices, methods = ({*names} - {""} for names in zip(*found, strict=True))
+        them.  by_method: gives the frames of each, as `Output.by_method`."""
+        devices = {one.drawn_by for one in found} - {""}
+        methods = {one.method for one in found} - {""}
         if len(devices) > 1:
             listed = " and ".join(sorted(devices))
             detail = f"maps were drawn by {listed}, whose last bits differ"
             self.add([InputWarning(DEVICES_MIXED, detail, "the bake")])
         if len(methods) > 1:
             each = [
-                f"{method} (frames {_short(frames.text())})"
+                f"{method} ({f'frames {_short(frames.text())}' if frames else 'other frames'})"
                 for method, frames in by_method().items()
             ]
             detail = (
@@ -128,7 +129,6 @@ class RunWarnings:
                 "*.bake*.json name the method of each"
             )
             self.add([InputWarning(METHODS_MIXED, detail, "the bake")])
-        self.refuse()
 
     def add(self, warnings: Iterable[InputWarning]) -> None:
         """Add warnings, and print the first few new ones of each code."""

@@ -23,7 +23,6 @@ from rhytid.baking.frame_names import FramePlace, FrameRange
 from rhytid.baking.inputs import BakeInputs
 from rhytid.baking.request import LOCAL, BakeRequest
 from rhytid.device.select import candidates
-from rhytid.domain.warnings import METHODS_MIXED, InputWarning
 from rhytid.support.atomic_files import READABLE, shared_working_folder, sweep, write_pieces
 from rhytid.support.console import counted, detail, note, verbosity, working
 from rhytid.support.temporary_folders import temporary_folder
@@ -64,14 +63,24 @@ class DaskBake:
         self._out = request.out.resolve()
         self._numbers = inputs.numbers
         self._chunks: list[FrameRange] = []
-        self._worked = False
-        self._mixed: InputWarning | None = None
+        self._worked = self._wrote = False
         self.figures = DaskFigures()
 
     def run(self) -> None:
         """Bake every frame. Raises what `Baker.run` does, with the address of the worker where that
         is the cause, and FarmError where the cluster does not work."""
         self._baker.refuse_replaced()
+        try:
+            self._on_cluster()
+        except BaseException:
+            if self._chunks:  # one that fails does not say what it has written
+                self._tell_origins()
+            raise
+        if self._wrote:
+            self._tell_origins()
+            self._baker.warnings.refuse()
+
+    def _on_cluster(self) -> None:
         mine, ended = self._request.dask == LOCAL, False
         # The snapshot is beside the maps, where all workers find it.
         with shared_working_folder(self._out) as shared:
@@ -104,8 +113,6 @@ class DaskBake:
                 with suppress(OSError):  # so that no other bake takes the snapshot for abandoned
                     os.utime(Path(job.snapshot.path).parent)
             self._until_frame(events)  # the last chunk ends after its last frame
-        # Chunks that ended before the last one did not know all frames.
-        self._baker.warnings.add([] if self._mixed is None else [self._mixed])
         self.figures.tasks = len(self._chunks)
         self.figures.workers = len(run.used)
         self.figures.lost = len(run.used & run.workers.lost)
@@ -116,6 +123,9 @@ class DaskBake:
             if isinstance(event, FrameDone):
                 detail(f"frame {event.label} is there, by {event.worker}")
                 self._worked = event.worked
+                if event.worked and not self._wrote:
+                    self._wrote = True
+                    self._baker.warnings.files_follow()
                 return
             if isinstance(event, WorkerLost):
                 note(f"rhytid: worker {event.address} has left; its frames go to another")
@@ -132,9 +142,12 @@ class DaskBake:
         for step, seconds in report.seconds.items():
             for one in seconds:
                 baker.watch.add(step, one)
-        mixed = [one for one in report.warnings if one.code == METHODS_MIXED]
-        self._mixed = mixed[-1] if mixed else self._mixed
-        baker.warnings.add(one for one in report.warnings if one.code != METHODS_MIXED)
+        baker.warnings.add(report.warnings)
+
+    def _tell_origins(self) -> None:
+        """Warn of several devices or methods. A chunk would do so too early: those after it may
+        replace the files of others."""
+        self._baker.tell_origins(self._baker.output.recorded())
 
     def _places(self) -> list[FramePlace]:
         """The frames that are baked."""

@@ -85,7 +85,8 @@ class TileService(Tiles):
         tile, after = plan.draw(), self._made_of(asset, frame)
         if all(one is other for one, other in zip(before, after, strict=True)):
             return DrawnTile(tile, plan.description, plan.key)
-        return DrawnTile(tile, plan.description, self._key_now(asset, frame, query, str(place)))
+        key = self.key(asset, frame, query, place, self._drawn_by)
+        return DrawnTile(tile, plan.description, key)
 
     @override
     def draw_half(
@@ -101,6 +102,19 @@ class TileService(Tiles):
     def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
         """A whole level of a UDIM; raises what `plan` does."""
         return self.plan(asset, frame, query, MapAddress(udim, level))
+
+    def key(
+        self,
+        asset: str,
+        frame: str | Frame,
+        query: MapQuery,
+        place: TileAddress | MapAddress,
+        drawn_by: str,
+    ) -> str:
+        """The key that a place has now where `drawn_by` draws it, here or elsewhere; raises what
+        `plan` does."""
+        found = self._assets.get(asset)
+        return map_key(asset, found.settings, drawn_by, found.frame(frame), query, str(place))
 
     def plan(
         self, asset: str, frame: str | Frame, query: MapQuery, place: TileAddress | MapAddress
@@ -213,12 +227,6 @@ class TileService(Tiles):
         """The present asset, settings and frame; raises what `plan` does."""
         found = self._assets.get(asset)
         return found, found.settings, found.frame(frame)
-
-    def _key_now(self, asset: str, frame: str | Frame, query: MapQuery, place: str) -> str:
-        """The key that a place has now; raises what `plan` does."""
-        found = self._assets.get(asset)
-        stored = found.frame(frame)
-        return map_key(asset, found.settings, self._drawn_by, stored, query, place)
 
     def _slope_square(
         self, asset: Asset, frame: Frame, query: MapQuery, place: TileAddress | MapAddress
