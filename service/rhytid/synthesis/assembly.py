@@ -102,6 +102,7 @@ class GraphParts:
             _scale(weight, fainter)
             width *= narrower
             half_width *= narrower
+            del amount, fainter, narrower
         progress(0.6, "shapes")
         shares = self._shares(weight, width)  # what else there is of the graph comes after it
         progress(0.7, "shapes")
