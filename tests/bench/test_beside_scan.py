@@ -22,11 +22,16 @@ SCANNED = {
     "nose": (19.8, (4.1, 4.6, 5.8, 6.3, 8.6, 9.1)),
     "neck": (20.8, (4.5, 4.8, 6.5, 8.5, 9.7, 8.2)),
 }
+# About the medians of the scan's places, as the script measures them: 0.27 on the forehead (of
+# places 0.19 to 0.55), 0.17 on the cheek (0.12 to 0.31), 0.22 beside the mouth (0.14 to 0.27). Ours
+# are 0.29, 0.19 and 0.24, of single seeds 0.21 to 0.32, 0.17 to 0.21 and 0.20 to 0.28. At 80 places
+# of the scan's neck the median is 0.21 and the upper quartile 0.26; ours is 0.22, of single seeds
+# 0.20 to 0.24.
 PATCHINESS = {
     "forehead": (0.25, 0.35),
     "cheek": (0.16, 0.25),
     "mouth": (0.17, 0.25),
-    "neck": (0.21, 0.41),
+    "neck": (0.21, 0.26),
 }
 
 
@@ -76,6 +81,8 @@ def test_regions_of_the_real_face_are_as_rough_as_those_of_a_scan(device: Device
         assert summary.rms == pytest.approx(rms, rel=0.25), region
         assert summary.octaves == pytest.approx(np.array(octaves), rel=0.25), region
         assert summary.skew[0] < 0.0 < summary.skew[1], region
+        # The aim is 0.05: the bridge of the nose has 0.051, where the scan's has 0.019, all others
+        # less than 0.045.
         assert summary.ring < 0.06, region
     for region, (least, most) in PATCHINESS.items():
         assert least <= found[region].patchiness <= most, region

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import count
+from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 from numpy.typing import NDArray
 
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.skin import COARSE, depth_factor
-from rhytid.synthesis import assembly
+from rhytid.errors import CancelledError
+from rhytid.support import cancellation
+from rhytid.synthesis import assembly, crows_feet
 from rhytid.synthesis.generate import synthesize
+from rhytid.synthesis.lattice import nearest_within
 from rhytid.synthesis.surface import Surface
 from synthesis import sheets
 from synthesis.test_synthesis_leaders import COUNT, MESH, MILLIMETRE, folds
@@ -89,3 +95,64 @@ def test_skin_without_them_is_what_it_was(
     bare = grown(device, age, anatomy=anatomy, rank=rank).arrays()
     for name, array in skin.arrays().items():
         np.testing.assert_array_equal(array, bare[name])
+
+
+@pytest.fixture
+def skin(device: Device, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, ...]:
+    """What crow's feet of old skin are drawn by."""
+    found: list[tuple[Any, ...]] = []
+    with monkeypatch.context() as patched:
+        patched.setattr(assembly, "crows_feet", lambda *about: found.append(about))
+        grown(device, 65.0)
+    return found[0]
+
+
+def test_they_stop_at_each_leader(skin: tuple[Any, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, at = [0], []
+    find = crows_feet._Eyes.ray
+
+    def ask() -> None:
+        asked[0] += 1
+
+    def ray(*about: Any) -> Any:
+        at.append(asked[0])
+        return find(*about)
+
+    monkeypatch.setattr(crows_feet._Eyes, "ray", ray)
+    with cancellation.scope(ask):
+        crows_feet.crows_feet(*skin)
+    assert len(at) > 10
+    assert np.diff(at, prepend=0).min() > 0
+    for stop in np.linspace(0, at[-1], 8).astype(int):
+        left = iter(range(stop))
+
+        def cancel(left: Any = left) -> None:
+            if next(left, None) is None:
+                raise CancelledError("enough")
+
+        with cancellation.scope(cancel), pytest.raises(CancelledError, match="enough"):
+            crows_feet.crows_feet(*skin)
+
+
+def test_pores_far_from_eyes_are_not_searched_for() -> None:
+    """Of each a tree takes long to say that it is not near, and no job can stop meanwhile."""
+    rng, asked, checks = np.random.default_rng(1), [], count()
+    places, eye = 10.0 * rng.random((200_000, 3)), rng.random((500, 3))
+    tree = scipy.spatial.cKDTree(eye)
+
+    class Tree:
+        data = tree.data
+
+        def query(self, some: Any, **reach: float) -> Any:
+            asked.append(len(some))
+            return tree.query(some, **reach)
+
+    with cancellation.scope(lambda: (next(checks), None)[1]):
+        near, distance, nearest = nearest_within(Tree(), places, 3.0)
+    every = tree.query(places, distance_upper_bound=3.0)
+    np.testing.assert_array_equal(near, np.flatnonzero(np.isfinite(every[0])))
+    np.testing.assert_array_equal(distance, every[0][near])
+    np.testing.assert_array_equal(nearest, every[1][near])
+    assert sum(asked) < 0.5 * len(places)
+    assert next(checks) >= len(asked) > 1
+    assert not len(nearest_within(tree, places + 100.0, 3.0)[0])

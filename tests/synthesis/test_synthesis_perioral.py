@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 from numpy.typing import NDArray
 
 from rhytid.device.runtime import Device
@@ -16,7 +17,8 @@ from rhytid.domain.expressions import ENOUGH, Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.painted_maps import Controls
 from rhytid.domain.skin import COARSE, depth_factor
-from rhytid.synthesis import assembly
+from rhytid.support import cancellation
+from rhytid.synthesis import assembly, perioral
 from rhytid.synthesis.aged_lines import Ways
 from rhytid.synthesis.generate import synthesize
 from synthesis import sheets
@@ -188,3 +190,15 @@ def test_there_are_none_in_a_fan(device: Device, monkeypatch: pytest.MonkeyPatch
     lines = deepened(skin, bare)
     assert len(lines) > 60
     assert not len(in_fan(lines))
+
+
+def test_a_job_can_stop_while_the_lip_is_looked_at() -> None:
+    """Of dense skin there are tens of thousands of places, each of which sees thousands."""
+    rng, checks = np.random.default_rng(1), []
+    lip, place = rng.random((400, 3)), rng.random((1000, 3))
+    tree = scipy.spatial.cKDTree(lip)
+    with cancellation.scope(lambda: checks.append(1)):
+        found = perioral._centres(tree, lip, place, 0.3)
+    assert len(checks) > 10
+    seen = tree.query_ball_point(place, 0.3, return_sorted=True)
+    np.testing.assert_array_equal(found, [lip[of].mean(axis=0) for of in seen])

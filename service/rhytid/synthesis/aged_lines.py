@@ -9,12 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from rhytid.synthesis.lattice import nearest_within
 from rhytid.synthesis.lines import Lines
+from rhytid.synthesis.progress import over_rows
 from rhytid.synthesis.shapes import WIDE
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points
 
@@ -118,15 +121,19 @@ class AgedLines:
         np.maximum.at(share, self.line, self.share.astype(np.float32))
         # Halves of a wrinkle that is cut at a seam are alike.
         of = np.append(np.arange(lines.whole), lines.copy_of[lines.whole :])
-        share, quiet = share[of], self.beside[of]
-        parts = share > weight
-        weight *= np.where(leads | parts, np.float32(1.0), quiet)
-        np.maximum(weight, share, out=weight)
-        wide = np.float32(self.look.broad * WIDE * spacing) * np.sqrt(share)
-        broader = np.maximum(wide / width, np.float32(1.0))
-        width *= broader
-        half_width *= broader
-        found: BoolArray = parts
+        found: BoolArray = np.empty(len(weight), np.bool_)
+        broad = np.float32(self.look.broad * WIDE * spacing)
+
+        def draw(rows: slice) -> None:
+            deep, quiet = share[of[rows]], self.beside[of[rows]]
+            found[rows] = deep > weight[rows]
+            weight[rows] *= np.where(leads[rows] | found[rows], np.float32(1.0), quiet)
+            np.maximum(weight[rows], deep, out=weight[rows])
+            broader = np.maximum(broad * np.sqrt(deep) / width[rows], np.float32(1.0))
+            width[rows] *= broader
+            half_width[rows] *= broader
+
+        over_rows(len(found), draw)
         return found
 
 
@@ -142,12 +149,23 @@ class Ways:
     ) -> None:
         self._millimetre, self._count = millimetre, lines.whole
         self._place, ends = pores.position, lines.pores[: lines.whole]
-        self._line = np.flatnonzero(around[ends].all(axis=1))
+        inside = np.empty(lines.whole, np.bool_)
+
+        def look(rows: slice) -> None:
+            one, two = ends[rows].T
+            inside[rows] = around[one] & around[two]
+
+        over_rows(len(inside), look)
+        self._line = np.flatnonzero(inside)
         self._ends = ends[self._line]
         one, two = (self._place[self._ends[:, end]] for end in (0, 1))
         self._step, self._middle = two - one, 0.5 * (one + two)
-        self._tree = scipy.spatial.cKDTree(self._middle)
         self._faint = _FAINT / (_FAINT + weight[self._line].astype(np.float64))
+
+    @cached_property
+    def _tree(self) -> scipy.spatial.cKDTree:
+        # There may be millions: it is not worth balancing, and where lines are there none asks.
+        return scipy.spatial.cKDTree(self._middle, balanced_tree=False, compact_nodes=False)
 
     def along(self, pore: int, course: FloatArray) -> tuple[IntArray, FloatArray] | None:
         """The lines on the way from a pore along a course (3,), and how far each is on it, 0 to 1;
@@ -191,10 +209,9 @@ class Ways:
         if not len(line):
             return found
         tree = scipy.spatial.cKDTree(self._middle[np.searchsorted(self._line, line)])
-        distance, nearest = tree.query(self._middle, distance_upper_bound=reach)
-        near = np.isfinite(distance)
-        close = 1.0 - (distance[near] / reach) ** 2
-        found[self._line[near]] = 1.0 - close * quiet[nearest[near]]
+        near, distance, nearest = nearest_within(tree, self._middle, reach)
+        close = 1.0 - (distance / reach) ** 2
+        found[self._line[near]] = 1.0 - close * quiet[nearest]
         return found
 
 

@@ -9,11 +9,14 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from rhytid.support.cancellation import check_each
 from rhytid.synthesis.aged_lines import AgedLine, AgedLines, Look, Ways
 from rhytid.synthesis.candidate_graph import Ground
-from rhytid.synthesis.fields import level_directions
+from rhytid.synthesis.fields import level_directions, looked_up
 from rhytid.synthesis.hashes import place_keys, unit_intervals
+from rhytid.synthesis.lattice import nearest_within
 from rhytid.synthesis.lines import Indices, Lines
+from rhytid.synthesis.progress import gathered
 from rhytid.synthesis.ranks import Ranks
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, unit
 
@@ -50,21 +53,36 @@ def crows_feet(
     seed: int,
 ) -> AgedLines | None:
     """Those of skin so worn, 1 at 65; None where it has none. Arguments as of `perioral_lines`."""
-    eye = ground.fields.rays(pores.triangle, pores.uv) >= _WITHIN
+    eye = looked_up(ground.fields.rays, pores) >= _WITHIN
     if not eye.any():
         return None
     corner = _Eyes(pores, pores.position[eye], millimetre, seed)
-    around, ends = corner.around(), lines.pores[: lines.whole]
-    leader = ranks.preferred[ranks.row[lines.edge[: lines.whole]]]
-    line = np.flatnonzero((leader >= 0) & around[ends].all(axis=1))
-    line = line[np.argsort(leader[line], kind="stable")]
-    parts = np.split(line, np.flatnonzero(np.diff(leader[line])) + 1)
-    leading = ground.fields.leading(pores.triangle, pores.uv)
-    parts = [part for part in parts if len(part) and leading[ends[part]].mean() > _FOLDED]
-    found = [corner.ray(part, ends[part]) for part in parts]
+    around, ends = corner.around(), lines.pores
+    parts = check_each(_by_leader(lines, around, ranks))
+    folded = (part for part in parts if _leading(ground, pores, ends[part]) > _FOLDED)
+    found = [corner.ray(part, ends[part]) for part in folded]
     ways = Ways(pores, lines, weight, around, millimetre)
     rays = _apart([ray for ray in found if ray is not None], _APART * millimetre)
     return AgedLines.of(rays, _LOOK, ways, worn, min(ranks.rank, 1.0))
+
+
+def _by_leader(lines: Lines, around: BoolArray, ranks: Ranks) -> list[IntArray]:
+    """The wrinkles of each leader along the preferred directions, between pores `around` (N,)."""
+    row = gathered(ranks.row, lines.edge[: lines.whole])
+    line = np.flatnonzero(row)  # few: all that follows is of leaders alone
+    leader = ranks.preferred[row[line]]
+    of = (leader >= 0) & around[lines.pores[line]].all(axis=1)
+    line, leader = line[of], leader[of]
+    order = np.argsort(leader, kind="stable")
+    parts = np.split(line[order], np.flatnonzero(np.diff(leader[order])) + 1)
+    return [part for part in parts if len(part)]
+
+
+def _leading(ground: Ground, pores: Points, ends: Indices) -> float:
+    """How far skin has leaders at the ends (P, 2) of wrinkles, in the mean."""
+    at = ends.ravel()
+    leading = ground.fields.leading(pores.triangle[at], pores.uv[at])
+    return float(leading.reshape(ends.shape).mean())
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +107,9 @@ class _Eyes:
 
     def around(self) -> BoolArray:
         """(N,) whether rays may lie over pores."""
+        found: BoolArray = np.zeros(len(self._pores), np.bool_)
         reach = _REACH * self._millimetre
-        near = self._tree.query(self._pores.position, distance_upper_bound=reach)[0]
-        found: BoolArray = np.isfinite(near)
+        found[nearest_within(self._tree, self._pores.position, reach)[0]] = True
         return found
 
     def ray(self, line: IntArray, ends: Indices) -> _Ray | None:

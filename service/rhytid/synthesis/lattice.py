@@ -8,6 +8,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
@@ -19,6 +20,8 @@ _STEPS = 30
 # A length that places are counted for has 2^_FINE steps: the order of places is the same at any
 # scale of the mesh.
 _FINE = 16
+# Places that a thread asks a tree for at a time: some hundredths of a second.
+_ASKED = 1 << 14
 # Cells along a side of the grid around a few places, at most.
 _SIDE = 256
 # What the origin is moved by where a mesh is far from that of its coordinates, in steps.
@@ -217,7 +220,25 @@ class Around:
             found[rows.start] = rows.start + self.near(places[rows])
 
         over_rows(len(places), find)
-        return np.concatenate([found[first] for first in sorted(found)])
+        return np.concatenate([np.empty(0, np.int64), *(found[first] for first in sorted(found))])
+
+
+def nearest_within(
+    tree: scipy.spatial.cKDTree, places: NDArray[np.float64], reach: float
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+    """The numbers of those of places (N, 3) that are within `reach` of a point of a tree,
+    ascending, how far each is from the nearest, and which that is; on as many threads as there are
+    cores, and only of places that may be near."""
+    some = Around(tree.data, reach).all_near(places)
+    distance, nearest = np.empty(len(some)), np.empty(len(some), np.int64)
+
+    def find(rows: slice) -> None:
+        asked = tree.query(places[some[rows]], distance_upper_bound=reach)
+        distance[rows], nearest[rows] = asked
+
+    over_rows(len(some), find, _ASKED)
+    near = np.isfinite(distance)
+    return some[near], distance[near], nearest[near]
 
 
 def _spread(value: NDArray[np.uint64]) -> NDArray[np.uint64]:

@@ -14,7 +14,9 @@ from rhytid.synthesis.aged_lines import AgedLine, AgedLines, Look, Ways
 from rhytid.synthesis.candidate_graph import Ground
 from rhytid.synthesis.fields import level_directions, looked_up
 from rhytid.synthesis.hashes import Words, place_keys, unit_intervals
+from rhytid.synthesis.lattice import nearest_within
 from rhytid.synthesis.lines import Lines
+from rhytid.synthesis.progress import row_blocks
 from rhytid.synthesis.ranks import Ranks
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, unit
 
@@ -41,6 +43,8 @@ _SMALL = 0.65
 _LOOK = Look(rises=0.12, fades=0.45, begins=0.5, broad=1.4, quiet=0.5, beside=2.2)
 # Where there is no way, the next is looked for so far from there, millimetres.
 _MISSED = 0.3
+# Places that the lip is seen from at a time: of dense skin each sees thousands of pores.
+_TOGETHER = 64
 # A purpose of random numbers.
 _CHANCE = 31
 
@@ -96,14 +100,11 @@ class _Border:
     ) -> _Border:
         """Of pores `around` (N,) those near pores of the lip, which are at `lip` (L, 3)."""
         tree, pore = scipy.spatial.cKDTree(lip), np.flatnonzero(around)
-        near = tree.query(pores.position[pore], distance_upper_bound=_BEGIN * millimetre)[0]
-        pore = pore[np.isfinite(near)]
+        pore = pore[nearest_within(tree, pores.position[pore], _BEGIN * millimetre)[0]]
         place, normal = pores.position[pore], pores.normal[pore].astype(np.float64)
         level, key = level_directions(normal), place_keys(pores.uv[pore])
         up = np.cross(normal, level)
-        seen = tree.query_ball_point(place, _SEEN * millimetre, return_sorted=True)
-        centre = np.array([lip[of].mean(axis=0) for of in seen]).reshape(-1, 3)
-        outwards = unit(place - centre)
+        outwards = unit(place - _centres(tree, lip, place, _SEEN * millimetre))
         beside, above = ((outwards * axis).sum(axis=1) for axis in (level, up))
         chance = np.array(unit_intervals(key, _CHANCE, seed), np.float64)
         return cls(pore, place, key, chance, level, up, beside, above, millimetre)
@@ -131,3 +132,14 @@ class _Border:
         way = unit(np.sign(self.above)[:, None] * self.up + aside[:, None] * self.level)
         found: FloatArray = (_SHORTEST + _LONGER * long)[:, None] * self.millimetre * way
         return found
+
+
+def _centres(
+    tree: scipy.spatial.cKDTree, lip: FloatArray, place: FloatArray, reach: float
+) -> FloatArray:
+    """(B, 3) the middle of the lip (L, 3) within `reach` of each place (B, 3)."""
+    found: FloatArray = np.empty(place.shape)
+    for rows in row_blocks(len(place), _TOGETHER):
+        seen = tree.query_ball_point(place[rows], reach, return_sorted=True)
+        found[rows] = [lip[of].mean(axis=0) for of in seen]
+    return found

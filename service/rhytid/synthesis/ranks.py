@@ -297,9 +297,7 @@ def _sizes(
     rhombi = np.isin(along.family, _RHOMBI)
     old = np.where(rhombi, _OLD_RHOMBI, old)
     deepest = _DEEPEST * (old if worn > 0.0 else young) ** aged
-    comes = np.where(
-        pair | fan | rhombi | np.isin(along.family, _UNEVEN), 0.0, aged * (1.0 - small)
-    )
+    comes = np.where(pair | fan | np.isin(along.family, _UNEVEN), 0.0, aged * (1.0 - small))
     shown = np.maximum(along.profile, _TINY)
     middle = deepest.astype(np.float32) * min(rank, 1.0) * along.depth * own / shown
     risen, profile = _older(along.depth / shown, along.profile, leading, comes)

@@ -51,7 +51,8 @@ def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any
     surface = Surface.of(mesh)
     net = _net(mesh, surface, graph)
     figures = _figures(surface, graph, net)
-    pores = Points(*masked(net.pores, *vars(net.points).values()))
+    every = vars(net.points)
+    pores = Points(**dict(zip(every, masked(net.pores, *every.values()), strict=True)))
     length, count = net.length.astype(np.float32), max(len(net.nodes), 1)
     points, nodes = net.points, net.nodes
     del net  # it may be large, and so is what is put on the device
