@@ -16,6 +16,7 @@ from rhytid.api.request_memory import DECODED, RequestMemory
 from rhytid.api.spool import Spool
 from rhytid.engine.byte_budget import Hold
 from rhytid.errors import InputError, LimitError, SettingsError
+from rhytid.formats.frames import NPY
 from rhytid.support.settings import ServiceSettings
 
 JSON_LIMIT = 1 << 16
@@ -23,12 +24,17 @@ JSON_LIMIT = 1 << 16
 WIDEST_VERTEX = 24
 HEADER_ROOM = 1 << 16
 TAR = "application/x-tar"
+# Letters of a media type that an error repeats.
+_SHOWN = 80
 JSON_TYPES = ("application/json", "application/merge-patch+json")
 
 
 async def read_frame(request: Request, vertices: int) -> bytes:
-    """The body with one frame of that many vertices; raises LimitError where it is larger,
-    HostBusyError where other requests hold the memory."""
+    """The body with one frame of that many vertices; 415 for any media type but these of positions.
+
+    Raises LimitError where it is larger, HostBusyError where other requests hold the memory.
+    """
+    _check_type(request, NPY, OCTETS)
     largest = min(WIDEST_VERTEX * vertices + HEADER_ROOM, _limit(request))
     most = DECODED * min(largest, _declared(request) or largest)
     hold = RequestMemory.of(request).hold("uploads", most)
@@ -54,9 +60,7 @@ async def read_snapshot(request: Request) -> Spool:
 
     Raises LimitError above `upload_limit`, and what `Spool.settle` does.
     """
-    media_type = media_type_of(request)
-    if media_type not in (TAR, OCTETS):
-        raise HTTPException(415, f"Content-Type is {media_type!r}: one of {TAR}, {OCTETS}")
+    _check_type(request, TAR, OCTETS)
     spool = RequestMemory.of(request).spooled()
     async for chunk in _chunks(request, _limit(request)):
         spool.write(chunk)
@@ -66,10 +70,15 @@ async def read_snapshot(request: Request) -> Spool:
 
 async def read_json(request: Request) -> Any:
     """The decoded JSON body of at most 64 KiB."""
-    media_type = media_type_of(request)
-    if media_type not in JSON_TYPES:
-        raise HTTPException(415, f"Content-Type is {media_type!r}: one of {', '.join(JSON_TYPES)}")
+    _check_type(request, *JSON_TYPES)
     return decode_json(await _body(request, JSON_LIMIT), "body")
+
+
+def _check_type(request: Request, *known: str) -> None:
+    media_type = media_type_of(request)
+    if media_type not in known:
+        told = repr(media_type[:_SHOWN]) if media_type else "missing"
+        raise HTTPException(415, f"Content-Type is {told}: one of {', '.join(known)}")
 
 
 def media_type_of(request: Request) -> str:
