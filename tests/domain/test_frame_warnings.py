@@ -63,6 +63,14 @@ def test_a_frame_of_another_mesh() -> None:
     assert codes(other) == [limits.STRETCH_AT_CLAMP]
 
 
+def test_a_factor_of_units_that_are_not_the_neutrals() -> None:
+    (found,) = CHECK.warnings(np.float32(NEUTRAL * 100.0), "frame x")
+    assert (
+        "100 times as large, as one length has in cm and in m; multiply it by 0.01" in found.detail
+    )
+    assert "looks like" not in found.detail
+
+
 @pytest.mark.parametrize(("size", "warned"), [(0.95, False), (1.05, True)])
 def test_the_median_near_the_clamp(size: float, warned: bool) -> None:
     """Stretched one way and compressed the other, by as much."""

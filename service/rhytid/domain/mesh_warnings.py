@@ -329,7 +329,10 @@ class FrameCheck:
         pair = unit_pair(factor, self.unit, UNIT_TOLERANCE)
         if pair is not None:
             times = f"multiply it by {1.0 / factor:.4g}"
-            return f"{detail}: it looks like {pair[1]} beside a neutral in {pair[0]}; {times}"
+            if pair[0] == self.unit:
+                return f"{detail}: it looks like {pair[1]} beside a neutral in {pair[0]}; {times}"
+            # None of the usual units makes this factor of that of the asset.
+            return f"{detail}, as one length has in {pair[1]} and in {pair[0]}; {times}"
         return f"{detail}: skin does not grow everywhere by the same factor"
 
 

@@ -65,7 +65,9 @@ def _row(patch: ShownPatch, edges: FloatArray, angles: FloatArray) -> list[Panel
     for state in patch.states:
         grey = ((state.heights - low) / max(high - low, 1e-12)).clip(0.0, 1.0)
         picture = to_picture(np.repeat(grey[..., None], 3, axis=-1))
-        barred = scale_bar(picture, len(grey) / patch.side, f"1 mm, {low:.0f} to {high:.0f} um")
+        # In words, for the font lacks µ.
+        heights = f"1 mm, {low:.0f} to {high:.0f} micrometres"
+        barred = scale_bar(picture, len(grey) / patch.side, heights)
         found.append(Panel(f"{patch.name}: {state.label}", barred))
     labels = [state.label for state in patch.states]
     for name in ("along", "across"):
