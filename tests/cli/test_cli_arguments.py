@@ -174,6 +174,8 @@ def test_a_mistyped_choice_is_told_what_may_be_meant(
         ("bake {} --out o --wrinkels=3", "--wrinkels; did you mean --wrinkles?"),
         ("bake {} --out o --res 256", "--res; did you mean --residual or --resolution?"),
         ("bake {} --out o -resolution 256", "-resolution 256; did you mean --resolution?"),
+        ("synthesize {} --out o --age 65", "--age; it is a setting: --set age=VALUE"),
+        ("bake {} --out o --anatomy=fine", "--anatomy; it is a setting: --set anatomy=VALUE"),
         ("look maps --bnd /a", "--bnd; did you mean --bind?"),
         ("look maps --out x", "--out; rhytid look --help says more"),
         ("template {} --preview x", "--preview; rhytid template --help says more"),

@@ -84,7 +84,7 @@ def test_pressed_skin_shows_what_answers_to_stretch(skins: ControlSkins) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("names", [("depth",), ("depth", "strength")])
+@pytest.mark.parametrize("names", [("depth",), ("cushion", "strength")])
 def test_the_picture_has_what_was_asked_for(
     names: tuple[str, ...], tmp_path: Path, small_mesh: SmallMesh
 ) -> None:

@@ -145,6 +145,10 @@ def test_a_painted_region_is_a_place(
     given = [str(sheet), *grown, "--region-mask", *masks]
     (found,) = measured(capsys, *given, "--place", "lip")["patches"]
     assert found["patch"] == "lip"
+    assert main(["measure", *given, "--place", "lip", "-v"]) == 0
+    told = capsys.readouterr().err
+    for step in ("placing patches", "looking whether patches fit"):
+        assert f"rhytid: {step}\n" in told
     assert main(["measure", *given, "--place", "nose"]) == 1
     assert "--place nose: no triangle of it is in UDIM 1001" in capsys.readouterr().err
     assert main(["measure", *given, "--place", "cheek"]) == 1

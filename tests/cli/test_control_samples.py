@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rhytid.cli.control_samples import MASKS, NAMES, SETTINGS, samples, title
+from rhytid.cli.control_samples import MASKS, NAMES, SETTINGS, full_name, samples, title
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import MILLIMETRES
 from rhytid.domain.painted_maps import CONTROLS
@@ -108,3 +108,10 @@ def test_titles_say_what_else_is_set() -> None:
 def test_what_shows_on_stretched_skin_alone() -> None:
     pressed = {name for name in NAMES if samples(name, 10.0)[0].pressed}
     assert pressed == {"stiffness", *(n for n in SETTINGS if n.startswith("response."))}
+
+
+def test_a_setting_may_be_named_without_its_group() -> None:
+    assert [full_name(name) for name in ("age", "grain", "graph.age")] == [
+        "graph.age", "shape.grain", "graph.age",
+    ]  # fmt: skip
+    assert [full_name(name) for name in (*NAMES, "none")] == [*NAMES, "none"]

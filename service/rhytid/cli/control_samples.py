@@ -48,6 +48,8 @@ SETTINGS: dict[str, tuple[float, float, float]] = {
     "response.pore_depth_limit": (1.1, 1.25, 3),
 }
 NAMES = (*MASKS, *SETTINGS)
+# Settings by their names alone, but for those that masks have, too.
+_SHORT = {name.rpartition(".")[2]: name for name in SETTINGS}
 # What else is set where a control by itself shows little.
 _LINES_ALONE = {"shape.cushion": 0.0}
 _COMPANIONS: dict[str, dict[str, float]] = {
@@ -120,3 +122,8 @@ def _setting(name: str, value: float, unit_mm: float) -> ControlSample:
     text = f"{value:g} mm" if name in _LENGTHS else f"{value:g}"
     given = {**_COMPANIONS.get(name, {}), name: value / unit_mm if name in _LENGTHS else value}
     return ControlSample(name, f"[{text}]" if value == usual else text, nested(given))
+
+
+def full_name(name: str) -> str:
+    """The name of a control, which a setting may be given without its group."""
+    return name if name in NAMES else _SHORT.get(name, name)

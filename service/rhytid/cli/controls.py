@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rhytid.cli.control_samples import NAMES, samples, title
+from rhytid.cli.control_samples import NAMES, full_name, samples, title
 from rhytid.cli.options import (
     MESH_FILES,
     add_mesh,
@@ -37,7 +37,7 @@ def add_command(commands: Commands) -> None:
     add_mesh(parser, "MESH", f"{MESH_FILES} of one mesh")
     add("--out", type=Path, required=True, metavar="FILE.png", help="the picture to write")
     only = f"masks and settings to show, of {', '.join(NAMES)} (default: all)"
-    add_several(parser, "--only", choices=NAMES, metavar="NAME", help=only)
+    add_several(parser, "--only", type=full_name, choices=NAMES, metavar="NAME", help=only)
     patch = (
         "the place of the patch, U and V in UV (1.3 0.5 is in UDIM 1002) or X, Y and Z near the "
         "surface (default: the flattest place)"

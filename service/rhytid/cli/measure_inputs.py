@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
+from functools import cache
 from typing import TypeVar
 
 from rhytid.baking.assets import build
@@ -40,7 +41,7 @@ from rhytid.errors import InputError
 from rhytid.formats.meshes import MeshFile
 from rhytid.pictures.surface_patch import Frame
 from rhytid.pipeline.folds import measured_folds
-from rhytid.support.console import share_bar
+from rhytid.support.console import share_bar, working
 from rhytid.support.settings import ServiceSettings
 from rhytid.support.temporary_folders import temporary_folder
 from rhytid.synthesis.workspace import directly
@@ -73,6 +74,7 @@ def places_of(
     mesh, degrees = read.mesh, arguments.along
     regions = _regions(arguments, read, unit) if arguments.place else lambda side: []
 
+    @cache  # patches that do not fit try the same sizes
     def chosen(size: float) -> list[Place]:
         side = size / _unit_mm(unit)
         found = regions(side)
@@ -80,7 +82,8 @@ def places_of(
             found += Place.all(spot_at(mesh, one, side), mesh, degrees)
         return found or Place.all(flat_spots(mesh, [side]), mesh, degrees)
 
-    found = chosen(arguments.size)
+    with working("placing patches"):
+        found = chosen(arguments.size)
     if not found:
         raise InputError(
             f"no patch of {arguments.size:g} mm lies flat on the mesh: give --patch, or a smaller "
@@ -99,7 +102,8 @@ def places_of(
             return place.on(mesh, size / _unit_mm(unit)) is place
         return False
 
-    return those_that_fit(range(len(found)), checked, warnings)
+    with working("looking whether patches fit"):
+        return those_that_fit(range(len(found)), checked, warnings)
 
 
 def those_that_fit(
@@ -146,7 +150,8 @@ def _regions(
     corners = mesh.positions[mesh.faces[triangles_inside(mesh, udim)]].astype(float)
 
     def chosen(side: float) -> list[Place]:
-        views = {view.region: view for view in skin_views(mesh, folds, udim, side, controls)}
+        found = skin_views(mesh, folds, udim, side, controls, arguments.place)
+        views = {view.region: view for view in found}
         if beyond := [name for name in arguments.place if name not in views]:
             raise InputError(
                 f"--place {beyond[0]}: no triangle of it is in UDIM {udim}, which has most: give "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise, takewhile
 from typing import Any, NoReturn
 
@@ -52,7 +52,11 @@ class Parser(argparse.ArgumentParser):
 
     A worker agent of Open Job Description gets the error in its own form, too. Parsers of commands
     are of the same class.
+
+    settings: how settings that are no options are given, by their names.
     """
+
+    settings: Mapping[str, str] = {}
 
     def error(self, message: str) -> NoReturn:
         """End with the error, and say how to get help."""
@@ -98,7 +102,10 @@ class Parser(argparse.ArgumentParser):
 
     def _refuse_unknown(self, words: Sequence[str]) -> NoReturn:
         message = f"unrecognized arguments: {' '.join(words)}"
-        near = self._near(words[0].partition("=")[0])
+        option = words[0].partition("=")[0]
+        if option.startswith("--") and (form := self.settings.get(option[2:])):
+            self.refuse(message, f"; it is a setting: {form}")
+        near = self._near(option)
         if not near:
             self.error(message)
         self.refuse(message, f"; did you mean {' or '.join(near)}?")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +19,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Controls, Stiffness, bilinear, painted_regions
+from rhytid.domain.skin import REGIONS
 from rhytid.domain.tiles import busiest_udim, mesh_udims, triangles_inside, udim_origin
 from rhytid.domain.uv_layout import mean_uv_length
 from rhytid.domain.wording import plural
@@ -39,7 +40,7 @@ from rhytid.pictures.preview import (
 from rhytid.pictures.sheet import Panel, sheet
 from rhytid.pictures.surface_patch import SurfacePatch, surface_patch
 from rhytid.support.atomic_files import atomic_write
-from rhytid.support.console import share_bar
+from rhytid.support.console import share_bar, working
 from rhytid.synthesis.progress import Progress, part
 
 PATCH_MM = 20.0
@@ -77,7 +78,8 @@ def write_preview(
     unit_mm = millimetres(settings.length_unit) or MILLIMETRES[USUAL_UNIT]
     side = PATCH_MM / unit_mm
     sides = [side * 0.5**n for n in range(8)]
-    near = spot_at(mesh, place, side) if place else flat_spots(mesh, sides)
+    with working("placing patches"):
+        near = spot_at(mesh, place, side) if place else flat_spots(mesh, sides)
     scales = [spot.scale for spot in near.spots]
     settings = settings.changed({"resolution": resolution_for(scales, spacing)})
     caption = (
@@ -87,9 +89,11 @@ def write_preview(
         "to scale, 45° and grazing light from the upper left."
     )
     with share_bar("preview") as show:
+        show(0.0, "uploading")
         # Of whole maps nobody sees the texels of the patches, which take minutes all over a face.
         broad = settings.changed({"resolution": min(settings.resolution, _DRAWN_WHOLE)})
         maps = _wholes(device, mesh, graph, broad, near.udim, part(show, 0.0, _WHOLE))
+        show(_WHOLE, "uploading")
         with resident(device, mesh, graph, settings) as asset:
             patches = _patches(asset, mesh, near, part(show, _WHOLE, _DRAWING))
         show(_DRAWING, "picture")
@@ -179,15 +183,20 @@ def write_region_sheet(
         f"{_REGIONS if places.known else _FLATTEST}, {SIDE_MM:g} mm wide, seen on the surface "
         "along its normal, true to scale; light from the upper left, at 45° and grazing."
     )
-    with atomic_write(file) as aside:
+    with working(f"drawing {file.name}"), atomic_write(file) as aside:
         sheet(rows, caption).save(aside, format="png")
 
 
 def skin_views(
-    mesh: Mesh, folds: Folds | None, udim: int, side: float, controls: Controls | None = None
+    mesh: Mesh,
+    folds: Folds | None,
+    udim: int,
+    side: float,
+    controls: Controls | None = None,
+    asked: Collection[str] = REGIONS,
 ) -> list[RegionView]:
-    """Where each region of a face is looked at, as patches of `side` mesh units. A region that is
-    painted lies where it is painted, others where expressions show them."""
+    """Where each region of a face that is asked for is looked at, as patches of `side` mesh units.
+    A region that is painted lies where it is painted, others where expressions show them."""
     inside = triangles_inside(mesh, udim)
     faces = mesh.faces[inside]
     uv = mesh.triangle_uv()[inside] - udim_origin(udim)
@@ -200,6 +209,7 @@ def skin_views(
         painted = mask.get(udim)
         values = np.zeros(len(faces)) if painted is None else bilinear(painted, uv.mean(axis=1))
         masks[name] = values
+    masks = {name: mask for name, mask in masks.items() if name in asked}
     corners = mesh.positions[faces].astype(np.float64)
     return region_views(corners, uv, masks, folding, side, _PIXELS)
 
@@ -217,21 +227,22 @@ def _flat_views(mesh: Mesh, udim: int, side: float) -> list[RegionView]:
 def _rows(device: Device, mesh: Mesh, places: SheetPlaces, skin: AgedSkin) -> list[list[Panel]]:
     resolution = resolution_for([view.scale for view in places.views], skin.spacing)
     settings = skin.settings.changed({"resolution": resolution})
-    with (
-        share_bar(f"regions, age {skin.age:g}") as show,
-        resident(device, mesh, skin.graph, settings) as asset,
-    ):
-        heights = drawn_under(asset, places.udim, [v.surface for v in places.views], show)
-    return [
-        [
-            patch_panel(
-                f"{view.region.replace('_', ' ')}, {skin.age:g} years, {light:g}°",
-                view.surface, heights, light, SIDE_MM,
-            )
-            for view in places.views
-        ]
-        for light in LIGHTS
-    ]  # fmt: skip
+    with share_bar(f"regions, age {skin.age:g}") as show:
+        show(0.0, "uploading")
+        with resident(device, mesh, skin.graph, settings) as asset:
+            surfaces = [view.surface for view in places.views]
+            heights = drawn_under(asset, places.udim, surfaces, part(show, 0.0, _DRAWING))
+        show(_DRAWING, "pictures")
+        return [
+            [
+                patch_panel(
+                    f"{view.region.replace('_', ' ')}, {skin.age:g} years, {light:g}°",
+                    view.surface, heights, light, SIDE_MM,
+                )
+                for view in places.views
+            ]
+            for light in LIGHTS
+        ]  # fmt: skip
 
 
 def resolution_for(scales: Sequence[float], spacing: float) -> int:

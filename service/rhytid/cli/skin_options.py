@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rhytid.baking.request import SkinRequest
 from rhytid.cli.options import add_several, existing, map_file, readable
-from rhytid.cli.parser import suggestion
+from rhytid.cli.parser import Parser, suggestion
 from rhytid.cli.scan_options import scan_settings
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import LINES
@@ -37,7 +37,7 @@ _MASKED = [name.removeprefix(REGION_PREFIX) for name in REGION_MAPS]
 _GROWING = ("lines", "shapes", "region", "set", "map", "region_mask")
 
 
-def add_skin(command: argparse.ArgumentParser, *, graph: bool = False) -> argparse._ArgumentGroup:
+def add_skin(command: Parser, *, graph: bool = False) -> argparse._ArgumentGroup:
     """Add the options of skin as a group, and return it.  graph: whether `--graph` is among
     them."""
     parser = command.add_argument_group("skin")
@@ -52,6 +52,7 @@ def add_skin(command: argparse.ArgumentParser, *, graph: bool = False) -> argpar
     parser.add_argument("--region", choices=REGIONS, help=skin)
     words = [f"{name} ({' or '.join(values)})" for name, values in _WORDS.items()]
     settings = f"a setting for the whole mesh: {', '.join([*_SETTINGS, *words])}"
+    command.settings = {name: f"--set {name}=VALUE" for name in (*_SETTINGS, *_WORDS)}
     add_several(parser, "--set", type=_setting, metavar="NAME=VALUE", help=settings)
     maps = [name for name in CONTROLS if name not in REGION_MAPS]
     painted = "grey PNG or EXR painted in UV, by UDIM, or ANY.<UDIM>.png for all; NAME: "
@@ -120,7 +121,12 @@ def skin_settings(
     settings = dict(given or {})
     graph = {"seed": arguments.seed, "lines": arguments.lines, "region": arguments.region}
     graph = {name: value for name, value in graph.items() if value is not None}
-    graph |= {**density(arguments), **dict(arguments.set)}
+    graph |= density(arguments)
+    for name, value in graph.items():
+        _check_typed(name, value, f"--{name}")
+    for name, value in arguments.set:
+        _check_typed(name, value, f"--set {name}")
+    graph |= dict(arguments.set)
     if graph:
         beside = dict(settings.get("graph", {}))
         if density(arguments):  # one of them fixes the other
@@ -129,6 +135,16 @@ def skin_settings(
     if arguments.unit is not None:
         settings["unit"] = arguments.unit
     return settings
+
+
+def _check_typed(name: str, value: Any, typed: str) -> None:
+    """Raise SettingsError where a setting of `graph` is wrong by itself, by what was typed."""
+    try:
+        AssetSettings.parse({"graph": {name: value}})
+    except SettingsError as error:
+        path, told = f"graph.{name} is ", str(error)
+        if told.startswith(path):
+            raise SettingsError(f"{typed} is {told.removeprefix(path)}") from error
 
 
 def asset_settings(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -133,7 +133,8 @@ def run(arguments: argparse.Namespace, warnings: RunWarnings) -> None:
         from rhytid.cli.preview import SheetPlaces
 
         skins = (_aged(grow, made, settings, replace(settings, age=a), unit) for a in ages)
-        places = SheetPlaces.of(mesh, folds, controls, unit)
+        with working("placing patches of regions"):
+            places = SheetPlaces.of(mesh, folds, controls, unit)
         _draw_regions(device, mesh, places, skins, arguments.preview, warnings)
 
 
