@@ -203,21 +203,58 @@ def test_a_strict_bake_that_would_replace_files_of_later_frames_writes_none(
     )
 
 
-@pytest.mark.parametrize("code", ["methods-mixed", "devices-mixed"])
-def test_a_strict_bake_says_where_files_were_written(
-    code: str, engine: FakeEngine, tmp_path: Path
-) -> None:
+def test_a_strict_bake_says_where_files_were_written(engine: FakeEngine, tmp_path: Path) -> None:
     values = [0.5, 0.25, 0.75]
     bake(engine, tmp_path, values)
-    engine.revision += code == "devices-mixed"
-    method = "binned" if code == "methods-mixed" else "redraw"
-    strict = baker(engine, tmp_path, values, method=method, part="2")
+    engine.revision += 1
+    strict = baker(engine, tmp_path, values, part="2")
     strict.warnings = RunWarnings("bake", True, ["files-replaced"])
 
-    with pytest.raises(StrictError, match=rf"1 warning, after files were written \(--allow {code}"):
+    with pytest.raises(StrictError, match=r"1 warning, after files were written \(--allow devices"):
         strict.run()
 
     assert strict.written == 2
+
+
+@pytest.mark.parametrize("written", ["", "2", "2-3"])
+@pytest.mark.parametrize("cluster", [False, True])
+def test_a_strict_bake_beside_maps_by_another_method_writes_none(
+    written: str,
+    cluster: bool,
+    engine: FakeEngine,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    values = [0.5, 0.25, 0.75]
+    bake(engine, tmp_path, values, part="1")
+    if written:
+        bake(engine, tmp_path, values, method="binned", part=written)
+    before = contents(tmp_path)
+    strict = baker(engine, tmp_path, values, method="binned", part="2-3")
+    strict.warnings = RunWarnings("bake", True)
+
+    with pytest.raises(StrictError, match=r"so nothing was done \(--allow methods-mixed"):
+        strict.refuse_replaced() if cluster else strict.run()
+
+    assert contents(tmp_path) == before
+    assert "maps would be by binned (frames 2-3) and redraw (frames 1)" in capsys.readouterr().err
+    all_anew = baker(engine, tmp_path, values, method="binned")
+    all_anew.warnings = RunWarnings("bake", True, ["files-replaced"])
+    all_anew.run()
+    assert mixed(all_anew) == []
+
+
+def test_a_bake_that_writes_nothing_tells_of_two_methods(
+    engine: FakeEngine, tmp_path: Path
+) -> None:
+    values = [0.5, 0.25, 0.75]
+    bake(engine, tmp_path, values, part="1")
+    for written in (4, 0):
+        again = bake(engine, tmp_path, values, method="binned", part="2-3")
+        assert (again.written, mixed(again)) == (written, ["methods-mixed"])
+    for file in tmp_path.glob("face.*.0001.exr"):
+        file.unlink()
+    assert mixed(bake(engine, tmp_path, values, method="binned", part="2-3")) == []
 
 
 def test_a_strict_bake_takes_up_what_is_there(engine: FakeEngine, tmp_path: Path) -> None:
@@ -451,6 +488,8 @@ def test_a_map_is_found_in_its_frame_by_its_name(
     part = bake(engine, tmp_path, values, profiles=profiles, method="binned", part="2-3")
     entry = {"key": "", "sha256": "", "method": "convolved"}
     others = dict.fromkeys(("face.0001.glb", "face.normal-dx.0003.1001.png"), entry)
+    for name in others:
+        (tmp_path / name).touch()
     (tmp_path / "face.bake.9.json").write_text(json.dumps({"maps": others}))
     found = part.output.by_method(part.frames.places)
     assert {name: frames and frames.text() for name, frames in found.items()} == {

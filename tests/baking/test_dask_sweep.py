@@ -16,6 +16,7 @@ from rhytid.baking.farm.dask_bake import DaskBake
 from rhytid.baking.frame_names import FramePlace, FrameRange
 from rhytid.baking.output import Output
 from rhytid.baking.request import BakeRequest
+from rhytid.baking.run_warnings import RunWarnings
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import StorageError
 from rhytid.exports.textures.profiles import profiles_of
@@ -61,7 +62,8 @@ def bake(out: Path, dask: str = "tcp://farm:8786") -> Undrawn:
     output = Output(out, "face", PROFILES)
     asset = SimpleNamespace(udims=(1001, 1002))
     looked = {"refuse_replaced": lambda: None, "tell_origins": lambda found: None}
-    baker = SimpleNamespace(frames=frames, output=output, asset=asset, **looked)
+    told = RunWarnings("bake", False)
+    baker = SimpleNamespace(frames=frames, output=output, asset=asset, warnings=told, **looked)
     given = SimpleNamespace(numbers=FrameRange.of(range(1001, 1005)), name="face")
     return Undrawn(request, cast("Any", given), cast("Any", baker))
 

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,7 +27,7 @@ from rhytid.baking.request import Lag
 from rhytid.baking.run_warnings import RunWarnings
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import MapAddress
-from rhytid.domain.warnings import FILES_REPLACED
+from rhytid.domain.warnings import FILES_REPLACED, METHODS_MIXED
 from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import AssetInfo, MapQuery
 from rhytid.exports.textures.frame_map import Facts, FrameMap
@@ -82,9 +82,9 @@ class Baker:
         """Write every file that is missing or out of date."""
         places = self.output.places(self.frames.places)
         self.write(places, counted(places, "baking", "frame", worked=lambda: self.worked))
-        if self.written:
-            self.tell_origins(self.output.origins(self._origin))
-            self.warnings.refuse()
+        output = self.output
+        self.tell_origins(output.origins(self._origin) if self.written else output.left_origins())
+        self.warnings.refuse()
 
     def tell_origins(self, found: Collection[Origin]) -> None:
         """Warn where several devices or methods drew the maps, once all parts are written."""
@@ -92,8 +92,10 @@ class Baker:
 
     def refuse_replaced(self) -> None:
         """Where warnings are errors, raise StrictError if a file of any frame that is baked would
-        be replaced; for a bake whose frames are written elsewhere, part by part. Which devices
-        these parts have is not known: files of any device count as done."""
+        be replaced, or if maps by another method stay; for a bake whose frames are written
+        elsewhere, part by part. Which devices these parts have is not known: files of any device
+        count as done."""
+        self._refuse_mixed(self.output.places(self.frames.places))
         if self.warnings.refuses(FILES_REPLACED):
             places, record = self.output.places(self.frames.places), self._record()
             alike = {one for one in record.devices() if one.endswith(f"/{drawing_version()}")}
@@ -115,6 +117,8 @@ class Baker:
         whether `refuse_replaced` has gone over all frames, on whatever machine.
         """
         record = self._record()
+        if not checked:
+            self._refuse_mixed(places)
         with FileWriters(self.engine.memory.limit) as writers:
             if self.warnings.refuses(FILES_REPLACED) and not checked:
                 self._refuse_replaced(record, writers, places)
@@ -179,6 +183,18 @@ class Baker:
             positions, _ = self._put(place)
         frame = _Frame(place, self._sources.surface(place, positions), record, writers)
         return frame, {udim: self._plan(place, udim) for udim in self.asset.udims}
+
+    def _refuse_mixed(self, places: Sequence[FramePlace]) -> None:
+        """Where that is an error, raise StrictError if maps by another method will be beside those
+        of these frames, before one is written."""
+        if not self.warnings.refuses(METHODS_MIXED):
+            return
+        drawn = replace(self.output, profiles=tuple(p for p in self.output.profiles if p.drawn))
+        format = self.geometry.format if self.geometry else None
+        if own := drawn.names(places, self.asset.udims, format):
+            now = dict.fromkeys(own, self._origin)
+            self.warnings.methods(self.output.by_method(self.frames.places, now), "would be")
+            self.warnings.refuse()
 
     def _refuse_replaced(
         self,

@@ -105,18 +105,25 @@ class Output:
                 one.unlink(missing_ok=True)
         return found
 
+    def left_origins(self) -> set[Origin]:
+        """As `origins`, where this part has drawn nothing."""
+        marks = [*self.folder.glob(f"{glob.escape(self.name)}.device.*.json")]
+        return self.recorded() if len(marks) > 1 else set()
+
     def recorded(self) -> set[Origin]:
         """What drew the maps of all parts, and how, by their records."""
         return {*self._origin_of_each().values()}
 
-    def by_method(self, frames: Sequence[FramePlace]) -> dict[str, FrameRange | None]:
+    def by_method(
+        self, frames: Sequence[FramePlace], now: Mapping[str, Origin] | None = None
+    ) -> dict[str, FrameRange | None]:
         """The numbers of the frames that have maps by each method, by all records; None where
-        these are of another animation.  frames: of this one."""
+        these are of another animation.  frames: of this one.  now: maps that will be there."""
         numbers = dict(zip((one.label for one in frames), frame_numbers(frames), strict=True))
         patterns = [profile.pattern(self.name) for profile in PROFILES.values()]
         named = re.compile("|".join(map(_names_like, [*patterns, f"{self.name}.<FRAME>.<ANY>"])))
         found: dict[str, set[int]] = {}
-        for file, origin in self._origin_of_each().items():
+        for file, origin in {**self._origin_of_each(), **(now or {})}.items():
             match = named.fullmatch(file)
             label = next(filter(None, match.groups()), "") if match else ""
             if origin.method:
@@ -125,12 +132,15 @@ class Output:
         return {k: FrameRange.of(them) if them else None for k, them in sorted(found.items())}
 
     def _origin_of_each(self) -> dict[str, Origin]:
-        """What drew each map, by its name. Where several records have a map, the latest counts."""
+        """What drew each map that is there, by its name. Where several records have a map, the
+        latest counts."""
+        there = {file.name for file in self.folder.iterdir()}
         records = self.folder.glob(f"{glob.escape(self.name)}.bake*.json")
         return {
             name: Origin(entry["drawn_by"], entry["method"])
             for record in sorted(records, key=lambda path: path.stat().st_mtime_ns)
             for name, entry in _load(record).items()
+            if name in there
         }
 
     def leave_mark(self, now: Origin) -> Path:

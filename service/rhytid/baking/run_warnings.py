@@ -120,12 +120,18 @@ class RunWarnings:
             detail = f"maps were drawn by {listed}, whose last bits differ"
             self.add([InputWarning(DEVICES_MIXED, detail, "the bake")])
         if len(methods) > 1:
+            self.methods(by_method())
+
+    def methods(self, found: Mapping[str, FrameRange | None], are: str = "are") -> None:
+        """Warn where there are several methods.  found: the frames of each.  are: whether they are
+        there, or would be."""
+        if len(found) > 1:
             each = [
                 f"{method} ({f'frames {_short(frames.text())}' if frames else 'other frames'})"
-                for method, frames in by_method().items()
+                for method, frames in found.items()
             ]
             detail = (
-                f"maps are by {' and '.join(each)}, as --frame-range takes them; the records "
+                f"maps {are} by {' and '.join(each)}, as --frame-range takes them; the records "
                 "*.bake*.json name the method of each"
             )
             self.add([InputWarning(METHODS_MIXED, detail, "the bake")])

@@ -76,9 +76,8 @@ class DaskBake:
             if self._chunks:  # one that fails does not say what it has written
                 self._tell_origins()
             raise
-        if self._wrote:
-            self._tell_origins()
-            self._baker.warnings.refuse()
+        self._tell_origins()
+        self._baker.warnings.refuse()
 
     def _on_cluster(self) -> None:
         mine, ended = self._request.dask == LOCAL, False
