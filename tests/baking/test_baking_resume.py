@@ -244,6 +244,30 @@ def test_a_strict_bake_beside_maps_by_another_method_writes_none(
     assert mixed(all_anew) == []
 
 
+def test_records_whose_maps_were_all_replaced_are_removed(
+    engine: FakeEngine, tmp_path: Path
+) -> None:
+    values = [0.5, 0.25, 0.75, 1.0]
+    for part in ("1-2", "2-3", "4"):
+        bake(engine, tmp_path, values, part=part)
+    bake(engine, tmp_path, values, method="binned", part="4")
+    bake(engine, tmp_path, values, method="binned", part="1-2")
+    assert len([*tmp_path.glob("face.bake*.json")]) == 3
+
+    bake(engine, tmp_path, values, method="binned")
+    left = {file.name for file in tmp_path.glob("face.bake*.json")}
+    assert left == {"face.bake.json", "face.bake.1-2.json", "face.bake.4.json"}
+
+    def shown(places: Sequence[FramePlace]) -> Iterator[FramePlace]:
+        yield from places
+        os.utime(tmp_path / "face.bake.4.json")  # as a bake of that part does
+
+    anew = baker(engine, tmp_path, values)
+    anew.write(anew.frames.places, shown(anew.frames.places))
+    left = {file.name for file in tmp_path.glob("face.bake*.json")}
+    assert left == {"face.bake.json", "face.bake.4.json"}
+
+
 def test_a_bake_that_writes_nothing_tells_of_two_methods(
     engine: FakeEngine, tmp_path: Path
 ) -> None:

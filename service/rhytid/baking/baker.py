@@ -130,6 +130,7 @@ class Baker:
                     ahead.append(self._frame(record, writers, place))
                 written = sum(done.result() for done in ahead.popleft())
                 self.written, self.worked = self.written + written, written > 0
+        record.drop_replaced()
 
     def first_maps(self) -> tuple[Texels, Iterator[tuple[int, Texels]]]:
         """The first frame that is baked: its positions, and its maps by UDIM, each drawn when it is

@@ -138,7 +138,7 @@ class Output:
         records = self.folder.glob(f"{glob.escape(self.name)}.bake*.json")
         return {
             name: Origin(entry["drawn_by"], entry["method"])
-            for record in sorted(records, key=lambda path: path.stat().st_mtime_ns)
+            for record in sorted(records, key=_last_change)
             for name, entry in _load(record).items()
             if name in there
         }
@@ -245,7 +245,9 @@ class BakeRecord:
     def __init__(self, path: Path, others: Iterable[Path] = (), drawn_by: str = "") -> None:
         self._path, self._drawn_by = path, drawn_by
         self._maps = _load(path)
-        self._found = [self._maps, *(_load(other) for other in others if other != path)]
+        self._others = {other: _last_change(other) for other in others if other != path}
+        self._found = [self._maps, *map(_load, self._others)]
+        self._added: set[str] = set()
         self._names = {entry["key"]: name for maps in self._found for name, entry in maps.items()}
         self._lock = threading.Lock()
         # By name: what `_identity` said of a file when it was hashed, and its SHA-256.
@@ -285,9 +287,17 @@ class BakeRecord:
             by = Origin(self._drawn_by, method)._asdict()
             self._maps[file.name] = {"key": key, "sha256": digest, **by}
             self._names[key] = file.name
+            self._added.add(file.name)
             text = json.dumps({"maps": self._maps}, indent=1, sort_keys=True)
             with atomic_write(self._path) as aside:
                 write_file(aside, f"{text}\n".encode())
+
+    def drop_replaced(self) -> None:
+        """Remove the records of other parts all of whose maps this bake has written anew, but not
+        one that its own bake has changed meanwhile."""
+        for (other, before), maps in zip(self._others.items(), self._found[1:], strict=True):
+            if maps and maps.keys() <= self._added and _last_change(other) == before:
+                other.unlink(missing_ok=True)
 
     def _sha256(self, file: Path) -> str:
         now = _identity(file)
@@ -312,6 +322,12 @@ def _identity(file: Path) -> Identity:
     return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 
 
+def _last_change(record: Path) -> int:
+    with suppress(FileNotFoundError):
+        return record.stat().st_mtime_ns
+    return 0
+
+
 def _names_like(pattern: str) -> str:
     """A regular expression of the names of a pattern, with a group for the label of the frame."""
     parts = {"<UDIM>": "[0-9]{4}", "<FRAME>": "(.+)", "<ANY>": "[a-z]+"}
@@ -319,10 +335,10 @@ def _names_like(pattern: str) -> str:
 
 
 def _load(path: Path) -> dict[str, dict[str, str]]:
-    if not path.exists():
-        return {}
     try:
         return _checked(json.loads(path.read_bytes()))
+    except FileNotFoundError:  # another part may just have removed it
+        return {}
     except (ValueError, KeyError, TypeError) as exc:
         raise StorageError(f"{path} is damaged: remove it to bake everything anew") from exc
 

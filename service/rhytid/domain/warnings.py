@@ -308,8 +308,9 @@ WARNINGS: dict[str, Meaning] = {
         "a bake",
         (
             "its maps are by several methods: some frames were baked before by another one, and "
-            "differ in more than last bits; the text names the frames of each, and "
-            "`NAME.bake.json` says for each map which"
+            "differ in more than last bits; told whether files are written or not, with `--strict` "
+            "before any is; the text names the frames of each, and `NAME.bake.json` says for each "
+            "map which"
         ),
         "bake the other frames by the same `--method`, or into another folder",
     ),
