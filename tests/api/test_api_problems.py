@@ -231,7 +231,8 @@ def test_a_length_or_an_asset_is_refused_before_any_of_the_body_is_read(
     client: httpx.Client, asset: str, known: bool, status: int
 ) -> None:
     name, length = (asset, 10**12) if known else ("nobody", 1000)
-    with begun(client, f"PUT /v1/assets/{name}/frames/b", length) as raw:
+    call, of_type = f"PUT /v1/assets/{name}/frames/b", f"Content-Type: {NPY['Content-Type']}"
+    with begun(client, call, length, of_type) as raw:
         assert raw.recv(4096).startswith(f"HTTP/1.1 {status} ".encode())
 
 
