@@ -144,17 +144,23 @@ def test_methods_are_told_once_by_what_is_there_at_the_end(
 ) -> None:
     out = tmp_path / "out"
     command = [*given(shot, cluster, out), "--chunk", "1"]
-    binned = [*command, "--method", "binned", "--strict", "--allow", "files-replaced"]
+    binned = [*command, "--method", "binned"]
+    strict = ["--strict", "--allow", "files-replaced"]
     assert main(command) == 0
     capsys.readouterr()
 
-    assert main([*binned, "--frame-range", "1-2"]) == 1
+    assert main([*binned, "--frame-range", "1-2", *strict]) == 1
+    told = capsys.readouterr().err
+    assert told.count("methods-mixed: ") == 1
+    assert "maps would be by binned (frames 1-2) and redraw (frames 3-6), as" in told
+    assert "1 warning, so nothing was done (--allow methods-mixed would" in told
+
+    assert main([*binned, "--frame-range", "1-2"]) == 0
     told = capsys.readouterr().err
     assert told.count("methods-mixed: ") == 1
     assert "maps are by binned (frames 1-2) and redraw (frames 3-6), as" in told
-    assert "1 warning, after files were written (--allow methods-mixed would" in told
 
-    assert main(binned) == 0
+    assert main([*binned, *strict]) == 0
     assert "methods-mixed" not in capsys.readouterr().err
 
 
