@@ -55,7 +55,7 @@ def test_maps_masks_and_settings_reach_the_graph(
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (["--set", "density=-1"], "--set density is -1.0: from 0.0625 to 16"),
+        (["--set", "density=-1"], "--set density is -1: from 0.0625 to 16"),
         (["--wrinkles", "0"], "rhytid synthesize: --wrinkles is 0: from 100 to"),
         (["--map", "density={black}"], "the map leaves no room for pores"),
         (["--map", "density={none}"], "no such file"),

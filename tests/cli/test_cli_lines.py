@@ -117,7 +117,7 @@ def test_the_regions_are_drawn_by_age_beside_a_preview(
     assert grown(tmp_path, neutral, "--set", "age=65") != grown(tmp_path, neutral)
     command = ["synthesize", str(neutral), "--out", str(tmp_path / "g.safetensors")]
     assert main([*command, *files, "--ages", "80"]) != 0
-    assert "graph.age is 80.0: from 20 to 70" in capsys.readouterr().err
+    assert "one of --ages is 80: from 20 to 70" in capsys.readouterr().err
 
 
 @pytest.mark.slow

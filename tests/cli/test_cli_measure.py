@@ -12,8 +12,10 @@ import pytest
 from PIL import Image
 
 from cli.running import usage_error
-from rhytid.cli import main
+from rhytid.cli import main, measure_inputs
 from rhytid.domain.mesh import Mesh
+from rhytid.engine.assets import creation
+from rhytid.pipeline.folds import measured_folds
 from rhytid_lab.samples.grids import flat_sheet
 
 WIDE, RESOLUTION = 1.6, 1024  # cm; UV covers 0.96 of the map
@@ -153,6 +155,81 @@ def test_a_painted_region_is_a_place(
     assert "--place nose: no triangle of it is in UDIM 1001" in capsys.readouterr().err
     assert main(["measure", *given, "--place", "cheek"]) == 1
     assert "--place cheek: the expressions show no such region" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def brows(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The sheet, whose upper half raised brows compress along y; their file is beside it."""
+    file = tmp_path_factory.mktemp("brows") / "sheet.npz"
+    mesh: Mesh = flat_sheet(WIDE, 16)
+    raised = mesh.positions.copy()
+    raised[:, 1] -= 0.3 * np.maximum(raised[:, 1], 0)
+    arrays = {"positions": mesh.positions, "faces": mesh.faces, "uv": mesh.uv}
+    np.savez(file, **arrays, face_uv=mesh.face_uv)
+    np.savez(file.with_name("shapes.npz"), shapes=raised[None], names=["browInnerUp"])
+    return file
+
+
+def test_as_many_wrinkles_are_told_as_regions_leave(
+    brows: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By `bake`, `measure` and `synthesize` alike; by area alone it would be another number."""
+    skin = ["--spacing", "0.03", "--region", "nose"]
+    shapes = ["--shapes", str(brows.with_name("shapes.npz"))]
+
+    def told(command: str, *given: str) -> str:
+        assert main([command, str(brows), *skin, *given]) == 0
+        return capsys.readouterr().err.partition("notice: about ")[2].partition(" wrinkles")[0]
+
+    out = ("--out", str(tmp_path / "g.safetensors"))
+    grown = told("synthesize", *out, *shapes)
+    assert grown != told("synthesize", *out)
+    measured = ("--resolution", "256", "--size", "2", "--patch", "0.5", "0.5")
+    assert told("measure", *measured, *shapes) == grown
+    np.save(tmp_path / "frame.npy", np.load(brows)["positions"][None])
+    frames = ("--frames", str(tmp_path / "frame.npy"), "--resolution", "256")
+    assert told("bake", *frames, "--out", str(tmp_path / "maps"), *shapes) == grown
+
+
+def test_folds_are_measured_once(
+    brows: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of places and of the skin there, and it is told; where the skin has others, they are its
+    own."""
+    calls = []
+
+    def counted(*given: Any) -> Any:
+        calls.append(given)
+        return measured_folds(*given)
+
+    for module in (measure_inputs, creation):
+        monkeypatch.setattr(module, "measured_folds", counted)
+    shapes = ["--shapes", str(brows.with_name("shapes.npz"))]
+    sizes = ["--wrinkles", "300", "--resolution", "256", "--size", "2", *shapes]
+    given = [str(brows), *sizes, "--place", "forehead"]
+    assert main(["measure", *given, "-v"]) == 0
+    assert len(calls) == 1
+    assert "rhytid: checking the skin\n" in capsys.readouterr().err
+    measured(capsys, *given, "--set", "anatomy=coarse")
+    assert len(calls) == 3
+
+
+def test_expressions_say_where_places_of_a_graph_are(
+    brows: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They grow nothing there; without a place they stay refused."""
+    shapes = ["--shapes", str(brows.with_name("shapes.npz"))]
+    graph = tmp_path / "g.safetensors"
+    made = ["synthesize", str(brows), "--out", str(graph), "--wrinkles", "300", *shapes]
+    assert main(made) == 0
+    capsys.readouterr()
+    given = [str(brows), "--graph", str(graph), "--resolution", "256", "--size", "2"]
+    (place,) = measured(capsys, *given, *shapes, "--place", "forehead")["patches"]
+    assert place["patch"] == "forehead"
+    at = [str(value) for value in place["origin"]]
+    (patch,) = measured(capsys, *given, "--patch", *at)["patches"]
+    assert place["rest"]["areal"]["sa"] == pytest.approx(patch["rest"]["areal"]["sa"], rel=0.01)
+    assert "--shapes says how lines grow" in usage_error(capsys, "measure", *given, *shapes)
 
 
 @pytest.mark.parametrize("source", ["graph", "scan"])

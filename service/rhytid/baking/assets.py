@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -25,7 +24,6 @@ from rhytid.errors import (
 from rhytid.support.console import Stopwatch, note, share_bar, working
 from rhytid.support.settings import ServiceSettings
 from rhytid.synthesis.build_size import BuildSize
-from rhytid.synthesis.capacity import check_amount
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
@@ -41,12 +39,12 @@ def build(engine: Engine, new: NewAsset, warnings: RunWarnings) -> AssetInfo:
     Prints its warnings and notices. Raises ConflictError with the reason where the build fails, and
     StrictError where warnings are errors.
     """
-    asset = engine.assets.create(new)
+    with working("checking the skin"):
+        asset = engine.assets.create(new)
     warnings.settings(asset.warnings)
     grown = new.graph is None and new.scan is None
-    if asset.state == "building" and grown:
-        graph = new.settings.for_synthesis().graph
-        wrinkles = check_amount(new.mesh, graph, new.controls, sys.maxsize)
+    wrinkles = engine.assets.expected_wrinkles(asset.id)
+    if asset.state == "building" and grown and wrinkles is not None:
         warnings.note(str(BuildSize.of(new.mesh, wrinkles)))
         warnings.add_notices(notice for notice in asset.notices if notice.code == LARGE_BUILD)
     job = None

@@ -118,14 +118,24 @@ def run(arguments: argparse.Namespace) -> None:
     # Imported here, so that --help needs no OpenCL.
     from rhytid.baking.input_files import mesh_file
     from rhytid.baking.run_warnings import RunWarnings
-    from rhytid.cli.measure_inputs import heights_of, places_of, those_that_fit, unit_of
+    from rhytid.cli.measure_inputs import (
+        folds_of,
+        heights_of,
+        places_of,
+        those_that_fit,
+        unit_of,
+    )
 
     with RunWarnings("measure", arguments.strict, arguments.allow) as warnings:
         read = mesh_file(arguments.mesh, cache_clip(arguments))
         warnings.file(read)
         unit = unit_of(arguments, read)
-        places = places_of(arguments, read, unit, warnings)
-        with heights_of(arguments, read, unit, warnings) as heights, share_bar("measure") as show:
+        folds = folds_of(arguments, read, unit)
+        places = places_of(arguments, read, unit, warnings, folds)
+        with (
+            heights_of(arguments, read, unit, warnings, folds) as heights,
+            share_bar("measure") as show,
+        ):
 
             def measured(place: Place) -> Measured:
                 show(places.index(place) / len(places), place.name)
@@ -139,9 +149,11 @@ def run(arguments: argparse.Namespace) -> None:
 def _refuse_conflicts(arguments: argparse.Namespace) -> None:
     error = arguments.usage_error
     refuse_without_scan(arguments)
-    # Where places are asked for, masks say where these are, whatever the skin is.
-    masks = [] if arguments.place else arguments.region_mask
-    refuse_without_effect(argparse.Namespace(**{**vars(arguments), "region_mask": masks}))
+    # Where places are asked for, these two say where they are, whatever the skin is.
+    given = dict(vars(arguments))
+    if arguments.place:
+        given |= {"region_mask": [], "shapes": None}
+    refuse_without_effect(argparse.Namespace(**given))
     moves = arguments.strain, arguments.frames or arguments.frame
     if all(one is not None for one in moves):
         error("--strain and --frames both say how the mesh is moved: use one")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from functools import cache
@@ -33,7 +33,7 @@ from rhytid.cli.skin_options import given_settings, skin_controls, skin_request
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Folds, expressions_for_lines
 from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
-from rhytid.domain.painted_maps import painted_regions
+from rhytid.domain.skin import FINE
 from rhytid.domain.tiles import busiest_udim, triangles_inside
 from rhytid.domain.warnings import PATCH_SIZE, InputWarning
 from rhytid.engine.engine import Engine, open_device
@@ -48,6 +48,8 @@ from rhytid.synthesis.workspace import directly
 
 Asked = TypeVar("Asked")
 Found = TypeVar("Found")
+# Folds that show regions are measured with it.
+_LIMIT = AssetSettings().response.log_stretch_limit
 # Sizes that are tried, in tens of millimetres, millimetres or tenths.
 _STEPS = (9, 8, 7, 6, 5, 4, 3, 2.5, 2, 1.5, 1)
 
@@ -67,12 +69,19 @@ def _unit_mm(unit: str) -> float:
 
 
 def places_of(
-    arguments: argparse.Namespace, read: MeshFile, unit: str, warnings: RunWarnings
+    arguments: argparse.Namespace,
+    read: MeshFile,
+    unit: str,
+    warnings: RunWarnings,
+    folds: Folds | None,
 ) -> list[Place]:
     """The patches that are asked for; else the flattest places. Warns of those that reach beyond
-    the mesh, and raises PatchError where all do, InputError naming a place that is not on it."""
+    the mesh, and raises PatchError where all do, InputError naming a place that is not on it.
+
+    folds: what `folds_of` gives.
+    """
     mesh, degrees = read.mesh, arguments.along
-    regions = _regions(arguments, read, unit) if arguments.place else lambda side: []
+    regions = _regions(arguments, read, folds) if arguments.place else lambda side: []
 
     @cache  # patches that do not fit try the same sizes
     def chosen(size: float) -> list[Place]:
@@ -138,15 +147,12 @@ def _sizes_below(size: float) -> Iterator[float]:
 
 
 def _regions(
-    arguments: argparse.Namespace, read: MeshFile, unit: str
+    arguments: argparse.Namespace, read: MeshFile, folds: Folds | None
 ) -> Callable[[float], list[Place]]:
-    """What gives patches of a side in mesh units, of the regions that are painted or that named
-    expressions show."""
+    """What gives patches of a side in mesh units, of the regions that are painted or that folds
+    show."""
     mesh, controls = read.mesh, skin_controls(arguments, read.mesh)
-    painted, udim = painted_regions(controls), busiest_udim(mesh)
-    folds = None
-    if others := [name for name in arguments.place if name not in painted]:
-        folds = _folds(arguments, read, unit, others)
+    udim = busiest_udim(mesh)
     corners = mesh.positions[mesh.faces[triangles_inside(mesh, udim)]].astype(float)
 
     def chosen(side: float) -> list[Place]:
@@ -165,11 +171,13 @@ def _regions(
     return chosen
 
 
-def _folds(
-    arguments: argparse.Namespace, read: MeshFile, unit: str, regions: Sequence[str]
-) -> Folds:
-    """The folds of a mesh whose expressions show some regions; raises InputError where they do
-    not."""
+def folds_of(arguments: argparse.Namespace, read: MeshFile, unit: str) -> Folds | None:
+    """The folds of the mesh, which show the regions that are asked for; None where all of these are
+    painted. Raises InputError where the expressions do not show one."""
+    painted = [name for name, _ in arguments.region_mask]
+    regions = [name for name in arguments.place if name not in painted]
+    if not regions:
+        return None
     shapes = shape_files(arguments.shapes, read, cache_clip(arguments))
     expressions = expressions_for_lines(arguments.lines, shapes)
     if expressions is None:
@@ -178,9 +186,8 @@ def _folds(
             f"--region-mask {regions[0]}=FILE, or --patch"
         )
     device = open_device(ServiceSettings.from_environment(), arguments.device)
-    limit = AssetSettings().response.log_stretch_limit
     with share_bar("folds") as show:
-        folds = measured_folds(device, read.mesh, expressions, limit, unit, show, directly)
+        folds = measured_folds(device, read.mesh, expressions, _LIMIT, unit, show, directly)
     masks = {} if folds is None else folds.regions
     if missing := [name for name in regions if name not in masks]:
         there = ", ".join(masks) or "none"
@@ -191,9 +198,13 @@ def _folds(
 
 @contextmanager
 def heights_of(
-    arguments: argparse.Namespace, read: MeshFile, unit: str, warnings: RunWarnings
+    arguments: argparse.Namespace,
+    read: MeshFile,
+    unit: str,
+    warnings: RunWarnings,
+    folds: Folds | None,
 ) -> Iterator[Heights]:
-    """The heights of patches, of skin that is grown or of a scan."""
+    """The heights of patches, of skin that is grown or of a scan.  folds: what `folds_of` gives."""
 
     def heights(source: Source) -> Heights:
         return Heights(
@@ -204,23 +215,30 @@ def heights_of(
         scan = checked_scan(arguments, arguments.scan, read.mesh, unit, warnings).scan
         yield heights(of_scan(scan))
     else:
-        with _grown(arguments, read, unit, warnings) as source:
+        with _grown(arguments, read, unit, warnings, folds) as source:
             yield heights(source)
 
 
 @contextmanager
 def _grown(
-    arguments: argparse.Namespace, read: MeshFile, unit: str, warnings: RunWarnings
+    arguments: argparse.Namespace,
+    read: MeshFile,
+    unit: str,
+    warnings: RunWarnings,
+    folds: Folds | None,
 ) -> Iterator[Source]:
     """The displacement of the skin that the arguments ask for, in a store that is removed."""
     request = skin_request(arguments)
-    if arguments.graph is not None:  # masks are of places alone: nothing is grown
-        request = replace(request, maps={})
+    if arguments.graph is not None:  # these are of places alone: nothing is grown
+        request = replace(request, maps={}, shapes=None)
     settings = AssetSettings.parse(
         request.settings if arguments.graph else {"unit": unit, **request.settings}
     )
     warnings.inputs(read.mesh, arguments.mesh.name, settings.length_unit, settings.resolution)
     new = new_asset(request, read, settings, cache_clip(arguments), warnings)
+    how = settings.length_unit, settings.response.log_stretch_limit, settings.graph.anatomy
+    if how == (unit, _LIMIT, FINE):  # else the build measures its own
+        new = replace(new, folds=folds)
     with temporary_folder("rhytid-") as folder:
         service = replace(service_settings(folder, arguments.device, None), build_seconds=None)
         with closing(Engine(service)) as engine:

@@ -123,9 +123,9 @@ def skin_settings(
     graph = {name: value for name, value in graph.items() if value is not None}
     graph |= density(arguments)
     for name, value in graph.items():
-        _check_typed(name, value, f"--{name}")
+        check_typed(name, value, f"--{name}")
     for name, value in arguments.set:
-        _check_typed(name, value, f"--set {name}")
+        check_typed(name, value, f"--set {name}")
     graph |= dict(arguments.set)
     if graph:
         beside = dict(settings.get("graph", {}))
@@ -137,14 +137,17 @@ def skin_settings(
     return settings
 
 
-def _check_typed(name: str, value: Any, typed: str) -> None:
+def check_typed(name: str, value: Any, typed: str) -> None:
     """Raise SettingsError where a setting of `graph` is wrong by itself, by what was typed."""
     try:
         AssetSettings.parse({"graph": {name: value}})
     except SettingsError as error:
         path, told = f"graph.{name} is ", str(error)
         if told.startswith(path):
-            raise SettingsError(f"{typed} is {told.removeprefix(path)}") from error
+            told = told.removeprefix(path)
+            if isinstance(value, float):  # 80 was typed, not 80.0
+                told = told.replace(str(value), f"{value:g}", 1)
+            raise SettingsError(f"{typed} is {told}") from error
 
 
 def asset_settings(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -29,6 +29,7 @@ from rhytid.cli.parser import Commands, new_command
 from rhytid.cli.skin_options import (
     add_settings,
     add_skin,
+    check_typed,
     given_settings,
     skin_controls,
     skin_settings,
@@ -201,7 +202,9 @@ def _aged(
 
 def _ages(settings: GraphSettings, ages: Sequence[float] | None) -> list[float]:
     """The ages that are asked for, checked; else the age of the settings."""
-    return [grown_settings({"graph": {"age": age}}).age for age in ages or [settings.age]]
+    for age in ages or ():
+        check_typed("age", age, "one of --ages")
+    return list(ages or [settings.age])
 
 
 def grown_settings(given: Mapping[str, Any]) -> GraphSettings:

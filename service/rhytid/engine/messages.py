@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.expressions import Expressions
+from rhytid.domain.expressions import Expressions, Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.methods import DISPLACEMENT, LAYERS, METHODS, SAMPLINGS, STRETCH_MODELS
@@ -59,9 +59,10 @@ class NewAsset:
     unless `force`.  stiffness: None: 1 everywhere.  frames: (N, V, 3) float32, stored as frames
     0001, 0002, … once the asset exists; less the centre of the mesh, as positions are throughout
     the engine.  shapes: expressions that lines grow by, unless `graph.lines` of the settings says
-    otherwise; without a graph only.  residual: of a traced graph.  scan: traced to a graph and a
-    residual, in place of both.  noted: warnings of the scan.  unused, notices: of what was sent
-    and is not read.
+    otherwise; without a graph only.  folds: what `measured_folds` gives of them with these
+    settings, where the caller has that; None has it measured.  residual: of a traced graph.  scan:
+    traced to a graph and a residual, in place of both.  noted: warnings of the scan.  unused,
+    notices: of what was sent and is not read.
     """
 
     mesh: Mesh
@@ -72,6 +73,7 @@ class NewAsset:
     controls: Controls | None = None
     force: bool = False
     shapes: Expressions | None = None
+    folds: Folds | None = None
     residual: Residual | None = None
     scan: ScanRelief | None = None
     noted: tuple[InputWarning, ...] = ()

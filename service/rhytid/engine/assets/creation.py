@@ -71,7 +71,7 @@ class AssetCreation:
             sent = (*sent, *_frame_warnings(known or made(), upload.frames))
         if strict:
             refuse((*upload.warnings, *_changed(known, upload.settings), *sent), allow)
-        asset = self._registration.register(upload, made, self._folds(upload), hold)
+        asset = self._registration.register(upload, made, self._folds(upload, made), hold)
         if new.shapes is not None and new.shapes.named:
             self._keep_shapes(asset, new.shapes)
         return asset, (*_changed(asset, upload.settings), *sent)
@@ -84,14 +84,15 @@ class AssetCreation:
             if asset.state == "ready":
                 self._shared.share(asset.id)
 
-    def _folds(self, upload: CheckedUpload) -> Folds | None:
+    def _folds(self, upload: CheckedUpload, made: Callable[[], Asset]) -> Folds | None:
         """The folds that expressions make in the mesh of an asset that is not built yet; other
-        tasks of the device run between the steps. Raises what `check_amount` does."""
+        tasks of the device run between the steps. An asset that `made` gives, of all that grows,
+        expects as many wrinkles as regions leave. Raises what `check_amount` does."""
         if upload.expressions is None or self._registration.known(upload.id) is not None:
             return None
-        mesh, settings = upload.new.mesh, upload.settings
-        folds = measured_folds(
-            self._device, mesh, upload.expressions, settings.response.log_stretch_limit,
+        new, settings = upload.new, upload.settings
+        folds = new.folds or measured_folds(
+            self._device, new.mesh, upload.expressions, settings.response.log_stretch_limit,
             settings.length_unit, lambda *_: None, self._on_device.run_patiently,
             settings.graph.anatomy,
         )  # fmt: skip
@@ -99,7 +100,9 @@ class AssetCreation:
             from rhytid.synthesis.capacity import check_amount
 
             memory = self._device.budget.limit
-            check_amount(mesh, settings.graph, upload.new.controls, memory, folds)
+            wrinkles = check_amount(new.mesh, settings.graph, new.controls, memory, folds)
+            if new.scan is None:
+                made().expected_wrinkles = wrinkles
         return folds
 
 

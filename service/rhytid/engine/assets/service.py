@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from numpy.typing import ArrayLike
 from typing_extensions import override
 
-from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import GraphOrigin, WrinkleGraph
 from rhytid.domain.graph_geometry import Curves, graph_curves, with_triangles
@@ -120,6 +120,11 @@ class AssetService(Assets):
         residual = None if stored.residual is None else stored.residual.resized(resolution)
         new = NewAsset(stored.mesh, settings, graph, stiffness=stored.stiffness, residual=residual)
         return self.create(new)
+
+    def expected_wrinkles(self, asset: str) -> int | None:
+        """How many wrinkles grow in a build of this process; None where nobody has counted."""
+        expected = self._assets.get(asset).expected_wrinkles
+        return expected if expected < MOST_WRINKLES else None
 
     @override
     def delete(self, asset: str, *, shared: bool = False) -> None:
