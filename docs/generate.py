@@ -98,7 +98,8 @@ def cli_page() -> str:
         "files. Options are written in full. `rhytid --version` prints the version. The exit\n"
         "status is 0 where all was done, 1 after an error, 2 over arguments that cannot be\n"
         "understood, either with one line on stderr, 130 when interrupted and 143 when\n"
-        "terminated.\n"
+        "terminated by SIGTERM; `rhytid serve` ends with 0 then, [once it has\n"
+        "drained](../operate.md#shutting-down).\n"
     )
     return text + "".join(_command(name, parser) for name, parser in commands().items())
 

@@ -13,8 +13,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status.
 
     0: done.  1: an error, printed as one line on stderr.  130: interrupted. Raises SystemExit, with
-    2 where the arguments cannot be understood, and with 143 where SIGTERM came; where both signals
-    came, the first counts.
+    2 where the arguments cannot be understood, and with 143 where SIGTERM came, which ends a server
+    that is ready with 0; where both signals came, the first counts.
     """
     with interruptible() as interruption:
         try:
