@@ -218,3 +218,4 @@ async def threads(app: FastAPI) -> AsyncIterator[None]:
     slots = settings.queue + MOST_LIVE
     anyio.to_thread.current_default_thread_limiter().total_tokens = slots + LIGHT_THREADS
     yield
+    app.state.files.clear()

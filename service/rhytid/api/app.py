@@ -45,6 +45,7 @@ from rhytid.api.routes import (
 )
 from rhytid.api.routes.packages import KEY
 from rhytid.api.tracing import tracer
+from rhytid.api.written_files import WrittenFiles
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.processes.decoding.decoder import Decoder
 from rhytid.support.settings import ServiceSettings
@@ -132,6 +133,7 @@ def _place_parts(state: State, engine: Engine, settings: ServiceSettings) -> Non
     state.encoded = cache(lambda: EncodedTiles(state.small()))
     state.former_names = FormerNames()
     state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")
+    state.files = WrittenFiles(state.spool, settings.store / "partial")
     state.metrics = Metrics(
         engine,
         {

@@ -23,6 +23,7 @@ from rhytid.api.multipart import Part
 from rhytid.api.request_memory import RequestMemory
 from rhytid.api.schemas import ALLOW, CODE, STRICT
 from rhytid.api.spool import Spool
+from rhytid.api.written_files import WrittenFiles
 from rhytid.device.figures import Figures
 from rhytid.errors import QueryError
 from rhytid.formats.frames import read_positions
@@ -64,6 +65,10 @@ async def _decoder(request: Request) -> Any:
 
 async def _memory(request: Request) -> RequestMemory:
     return RequestMemory.of(request)
+
+
+async def _files(request: Request) -> Any:
+    return request.app.state.files
 
 
 # Not async: it may ask the device's process, which the event loop must not wait for.
@@ -172,6 +177,7 @@ FormerDep = Annotated[FormerNames, Depends(_former)]
 DecoderDep = Annotated[Decoder, Depends(_decoder)]
 # What the request holds of the host's memory until its answer is sent.
 Memory = Annotated[RequestMemory, Depends(_memory)]
+Files = Annotated[WrittenFiles, Depends(_files)]
 # A place among the unfinished jobs of the caller. It comes before the body in a signature, so that
 # who has too many is refused before it is read; raises QuotaError.
 JobPlace = Annotated[JobShare, Depends(_job_share)]

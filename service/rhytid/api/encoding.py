@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from fastapi import Request, Response
@@ -21,6 +21,7 @@ from rhytid import __version__
 from rhytid.api.encoded_tiles import Asked, Known
 from rhytid.api.request_memory import PIECE, RequestMemory
 from rhytid.api.spool import Spool
+from rhytid.api.written_files import WrittenFiles
 from rhytid.device.figures import working_on
 from rhytid.domain.methods import DISPLACEMENT, SLOPES
 from rhytid.domain.warnings import InputWarning
@@ -44,6 +45,7 @@ WORKING = 2
 LARGE = 32 << 20
 SCALE = "X-Rhytid-Scale"
 WARNINGS = "X-Rhytid-Warnings"
+Written = list[bytes | memoryview] | Iterator[bytes]
 _UNKEPT = {"Cache-Control": "no-store"}
 # A single range of bytes in a head.
 _RANGE = re.compile(r"bytes=[ \t]*([0-9]{0,18})-([0-9]{0,18})[ \t]*", re.ASCII)
@@ -240,62 +242,93 @@ def answer_stored(
     media_type: str,
     slot: AbstractContextManager[None],
     memory: RequestMemory,
+    files: WrittenFiles | None,
 ) -> Response:
     """What is stored of an asset, written as `kind`; 304 where the client has it, 206 and 416 for a
     range of its bytes.
 
     content: what there is now.  write: the file in pieces, or its lines one after the other, whose
-    length is not known before and of which no range is sent. Only writing takes a slot; raises
-    BusyError, and what `RequestMemory.answer` does.
+    length is not known before and of which no range is sent.  files: keep it for the next range;
+    None where there are no ranges. Only writing takes a slot; raises BusyError, and what
+    `RequestMemory.answer` does.
     """
     wanted = content()
     headers = {"ETag": etag(wanted.key, kind, __version__), "Cache-Control": "no-cache"}
     if matches(request.headers.get("if-none-match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    with slot:
-        hold = memory.answer(WORKING * wanted.nbytes)
-        body = write()
+    asked = None if files is None else _AskedRange.of_head(request, headers["ETag"])
+    hold = memory.hold("answers", WORKING * wanted.nbytes)
+
+    def written() -> Written:
+        with slot:
+            hold.resize(WORKING * wanted.nbytes)
+            return write()
+
+    def kept() -> list[bytes | memoryview] | None:
+        body = written()
+        return body if isinstance(body, list) and content().key == wanted.key else None
+
+    if files is not None and asked is not None:
+        file = files.opened(headers["ETag"], wanted.nbytes, kept)
+        if file is not None:
+            memory.closing(file)
+            hold.resize(WORKING * min(PIECE, wanted.nbytes))
+            part, status, about = _about_part(asked, file.nbytes, headers)
+            return StreamingResponse(file.within(part, PIECE), status, about, media_type)
+    body = written()
     if content().key != wanted.key:  # changed while it was written
-        headers = {"Cache-Control": "no-store"}
+        headers, asked = {"Cache-Control": "no-store"}, None
     if not isinstance(body, list):
         headers["Accept-Ranges"] = "none"
         return StreamingResponse(body, headers=headers, media_type=media_type)
     nbytes = sum(map(len, body))
     hold.resize(nbytes)
-    headers["Accept-Ranges"] = "bytes"
-    asked = _asked_range(request, headers.get("ETag"), nbytes)
+    part, status, about = _about_part(asked, nbytes, headers)
+    return StreamingResponse(_within(body, part), status, about, media_type)
+
+
+def _about_part(
+    asked: _AskedRange | None, nbytes: int, headers: Mapping[str, str]
+) -> tuple[range, int, dict[str, str]]:
+    """The bytes to send of so many, with their status and headers; raises what `_AskedRange.of`
+    does."""
+    part = range(nbytes) if asked is None else asked.of(nbytes)
+    about = {**headers, "Accept-Ranges": "bytes", "Content-Length": str(len(part))}
     if asked is None:
-        headers["Content-Length"] = str(nbytes)
-        return StreamingResponse(body, headers=headers, media_type=media_type)
-    headers["Content-Length"] = str(len(asked))
-    headers["Content-Range"] = f"bytes {asked.start}-{asked.stop - 1}/{nbytes}"
-    return StreamingResponse(_within(body, asked), 206, headers, media_type)
+        return part, 200, about
+    return part, 206, {**about, "Content-Range": f"bytes {part.start}-{part.stop - 1}/{nbytes}"}
 
 
-def _asked_range(request: Request, tag: str | None, nbytes: int) -> range | None:
-    """The bytes of an answer that the head asks for; None for all of them, also where it asks for
-    several ranges, or for a range of other bytes than `tag` names.
+class _AskedRange(NamedTuple):
+    """A range of bytes as a head has it.  first: None for the last bytes, so many as `last` says.
+    last: None for all to the end."""
 
-    Raises HTTPException, 416, where the range begins after the end (RFC 9110, section 14).
-    """
-    asked = _RANGE.fullmatch(request.headers.get("range", ""))
-    if asked is None or tag is None or request.headers.get("if-range", tag) != tag:
-        return None
-    first, last = (int(text) if text else None for text in asked.groups())
-    if first is None and last is None:
-        return None
-    if first is None:  # the last bytes, so many
-        found = range(max(nbytes - (last or 0), 0), nbytes)
-    elif last is None:
-        found = range(first, nbytes)
-    elif first <= last:
-        found = range(first, min(last + 1, nbytes))
-    else:  # no range at all
-        return None
-    if not found:
-        headers = {"Content-Range": f"bytes */{nbytes}"}
-        raise HTTPException(416, f"there are {nbytes} bytes, of which none are asked for", headers)
-    return found
+    first: int | None
+    last: int | None
+
+    @classmethod
+    def of_head(cls, request: Request, tag: str) -> _AskedRange | None:
+        """None for all bytes, also where the head asks for several ranges, for none, or for a range
+        of other bytes than `tag` names (RFC 9110, section 14)."""
+        asked = _RANGE.fullmatch(request.headers.get("range", ""))
+        if asked is None or request.headers.get("if-range", tag) != tag:
+            return None
+        first, last = (int(text) if text else None for text in asked.groups())
+        nothing = last is None if first is None else last is not None and last < first
+        return None if nothing else cls(first, last)
+
+    def of(self, nbytes: int) -> range:
+        """The bytes of so many; raises HTTPException, 416, where there are none."""
+        first, last = self
+        if first is None:
+            found = range(max(nbytes - (last or 0), 0), nbytes)
+        else:
+            found = range(first, nbytes if last is None else min(last + 1, nbytes))
+        if not found:
+            headers = {"Content-Range": f"bytes */{nbytes}"}
+            told = f"there are {nbytes} bytes, of which none are asked for"
+            raise HTTPException(416, told, headers)
+        return found
 
 
 def _within(body: Sequence[bytes | memoryview], asked: range) -> Iterator[memoryview]:

@@ -56,7 +56,7 @@ class Spool:
             at += len(parts[-1])
         return b"".join((*parts, pending)) if pending or len(parts) > 1 else parts[0]
 
-    def fill(self, data: bytes) -> None:
+    def fill(self, data: bytes | memoryview) -> None:
         """Put bytes at the end, on disk at once; raises what `settle` does."""
         if self._room is not None:
             self._room.grow(len(data))
@@ -88,7 +88,7 @@ class Spool:
         if self._room is not None:
             self._room.release()
 
-    def _append(self, data: bytes | bytearray) -> None:
+    def _append(self, data: bytes | bytearray | memoryview) -> None:
         with storage_errors("an upload cannot be written to disk"):
             if self._file is None:
                 # Without a buffer of Python's, which would be written once more on closing.

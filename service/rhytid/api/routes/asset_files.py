@@ -3,7 +3,6 @@ other servers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import partial
 from typing import Annotated, Any
 
@@ -13,6 +12,7 @@ from fastapi.responses import StreamingResponse
 from rhytid.api.dependencies import (
     AssetId,
     EngineDep,
+    Files,
     Memory,
     NoQuery,
     NoRepeats,
@@ -20,7 +20,7 @@ from rhytid.api.dependencies import (
     SnapshotBody,
 )
 from rhytid.api.documentation import SNAPSHOT, UNCHANGED, binary, in_ranges, problems
-from rhytid.api.encoding import WORKING, answer_stored, etag, matches
+from rhytid.api.encoding import WORKING, Written, answer_stored, etag, matches
 from rhytid.api.request_memory import PIECE
 from rhytid.api.schemas import Asset, GraphQuery, MeshQuery
 from rhytid.api.uploads import TAR
@@ -49,6 +49,7 @@ def graph(
     engine: EngineDep,
     slot: Slot,
     memory: Memory,
+    files: Files,
     query: Annotated[GraphQuery, Query()],
 ) -> Response:
     """The wrinkle graph as safetensors, whose metadata say with which lengths (in which unit) and
@@ -56,14 +57,15 @@ def graph(
     USD text."""
     kind = None if query.format == "safetensors" else curve_format(query.format)
 
-    def write() -> list[bytes | memoryview] | Iterator[bytes]:
+    def write() -> Written:
         if kind is None:
             return list(graph_pieces(engine.assets.graph(asset), {"asset": asset}))
         return kind.write(engine.assets.curves(asset), engine.assets.info(asset).settings["unit"])
 
     media_type = SAFETENSORS if kind is None else kind.media_type
     content = partial(engine.assets.content, asset)
-    return answer_stored(request, query.format, content, write, media_type, slot, memory)
+    kept = files if kind is None else None  # lines in space have no ranges
+    return answer_stored(request, query.format, content, write, media_type, slot, memory, kept)
 
 
 @router.get(
@@ -79,6 +81,7 @@ def mesh(
     engine: EngineDep,
     slot: Slot,
     memory: Memory,
+    files: Files,
     query: Annotated[MeshQuery, Query()],
 ) -> Response:
     """The neutral mesh where it was sent, with one uv per vertex. The vertices that were sent come
@@ -87,10 +90,12 @@ def mesh(
     kind = mesh_format(query.format)
     content = partial(engine.assets.content, asset)
 
-    def write() -> list[bytes | memoryview]:
+    def write() -> Written:
         return [kind.write(flat_mesh(engine.assets.mesh(asset)))]
 
-    return answer_stored(request, query.format, content, write, kind.media_type, slot, memory)
+    return answer_stored(
+        request, query.format, content, write, kind.media_type, slot, memory, files
+    )
 
 
 @router.get(

@@ -1,0 +1,159 @@
+"""Files that are kept on disk while ranges of them are asked for."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from api.asking import built
+from api.fake_engine import FakeEngine
+from api.live import serving
+from api.patch import upload
+from rhytid.api.written_files import WrittenFiles
+from rhytid.engine.byte_budget import ByteBudget
+from rhytid.errors import BusyError
+
+BODY = [b"01234", memoryview(b"56789")]
+LIMIT = 100
+
+
+@pytest.fixture
+def budget() -> ByteBudget:
+    return ByteBudget(LIMIT, "RHYTID_SPOOL_MB", patience=0.1)
+
+
+@pytest.fixture
+def files(budget: ByteBudget, tmp_path: Path) -> Iterator[WrittenFiles]:
+    made = WrittenFiles(budget, tmp_path)
+    yield made
+    made.clear()
+    assert budget.used_for("answers") == 0
+
+
+class Counted:
+    """Writes a file, and counts how often."""
+
+    def __init__(self, body: Any = BODY) -> None:
+        self.calls, self._body = 0, body
+
+    def __call__(self) -> Any:
+        self.calls += 1
+        return self._body
+
+
+def read(files: WrittenFiles, asked: range, write: Callable[[], Any]) -> bytes:
+    file = files.opened("a", 10, write)
+    assert file is not None
+    with closing(file):
+        return b"".join(file.within(asked, 2))
+
+
+def until(met: Callable[[], bool]) -> None:
+    end = time.monotonic() + 10
+    while not met():
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def test_ranges_of_a_file_cost_it_once(
+    files: WrittenFiles, budget: ByteBudget, tmp_path: Path
+) -> None:
+    write = Counted()
+    assert read(files, range(3, 8), write) == b"34567"
+    assert read(files, range(10), write) == b"0123456789"
+    assert (write.calls, budget.used_for("answers")) == (1, 10)
+    assert [*tmp_path.iterdir()] == []
+    files.clear()
+    assert budget.used == 0
+    assert read(files, range(2), write) == b"01"
+    assert write.calls == 2
+
+
+def test_who_asks_while_another_writes_waits_for_the_same(files: WrittenFiles) -> None:
+    goes_on, write = threading.Event(), Counted()
+
+    def slowly() -> Any:
+        assert goes_on.wait(10)
+        return write()
+
+    with ThreadPoolExecutor(4) as pool:
+        asked = [pool.submit(read, files, range(10), slowly) for _ in range(4)]
+        until(lambda: "a" in files._kept and files._kept["a"].users == 4)
+        goes_on.set()
+        assert {one.result() for one in asked} == {b"0123456789"}
+    assert write.calls == 1
+
+
+def test_a_file_goes_when_nobody_reads_it(budget: ByteBudget, tmp_path: Path) -> None:
+    files = WrittenFiles(budget, tmp_path, seconds=0.02)
+    file = files.opened("a", 10, Counted())
+    assert file is not None
+    time.sleep(0.1)
+    files.clear()
+    assert b"".join(file.within(range(10), 10)) == b"0123456789"
+    file.close()
+    until(lambda: budget.used == 0)
+
+
+def test_a_file_leaves_the_disk_to_who_waits_for_it(
+    files: WrittenFiles, budget: ByteBudget
+) -> None:
+    read(files, range(10), Counted())
+    budget.hold("uploads").grow(LIMIT)
+    assert budget.used == LIMIT
+
+
+@pytest.mark.parametrize("reason", ["room", "share", "changed", "larger"])
+def test_what_cannot_be_kept_is_told(files: WrittenFiles, budget: ByteBudget, reason: str) -> None:
+    """The disk is full, the file is too large for its share, or what it has was changed."""
+    if reason == "room":
+        budget.hold("uploads").grow(LIMIT - 5)
+    body = {"changed": None, "larger": [bytes(2 * LIMIT)]}.get(reason, BODY)
+    assert files.opened("a", LIMIT if reason == "share" else 10, Counted(body)) is None
+    assert files._kept == {}
+
+
+def test_an_error_of_writing_keeps_nothing(files: WrittenFiles) -> None:
+    def fail() -> Any:
+        raise BusyError("not now")
+
+    with pytest.raises(BusyError):
+        files.opened("a", 10, fail)
+    write = Counted()
+    assert read(files, range(1), write) == b"0"
+    assert write.calls == 1
+
+
+def test_a_download_in_ranges_asks_for_the_graph_once(tmp_path: Path) -> None:
+    """By several clients at a time; a change of settings makes it another file."""
+    engine, calls = FakeEngine(polls=1), []
+    graph = engine.assets.graph
+
+    def counted(asset: str) -> Any:
+        calls.append(asset)
+        return graph(asset)
+
+    with serving(engine, store=tmp_path) as client:
+        path = f"/v1/assets/{(asset := built(client, upload()))}/graph"
+        whole = client.get(path).content
+        engine.assets.graph = counted  # type: ignore[method-assign]
+
+        def part(at: int) -> bytes:
+            answer = client.get(path, headers={"Range": f"bytes={at}-{at + 49}"})
+            assert answer.status_code == 206
+            return answer.content
+
+        with ThreadPoolExecutor(4) as pool:
+            assert b"".join(pool.map(part, range(0, len(whole), 50))) == whole
+        assert len(calls) == 1
+        client.patch(f"/v1/assets/{asset}", json={"depth": 0.125}).raise_for_status()
+        part(0)
+        assert len(calls) == 2
+        assert client.get(path, headers={"Range": "bytes=99999999-"}).status_code == 416
