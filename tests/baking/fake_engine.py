@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -97,6 +98,9 @@ class FakeTiles(Part):
     def key(self, asset: str, frame: str, query: MapQuery, place: MapAddress, drawn_by: str) -> str:
         value, drawn = self.engine.held[frame][0, 0], (query.method, query.stretch, query.sampling)
         return f"{drawn_by}/{value}/{'/'.join(drawn)}/{place}"
+
+    def memory_kept(self) -> AbstractContextManager[None]:
+        return nullcontext()
 
     def triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
         return np.zeros((SIDE, SIDE), np.int32)

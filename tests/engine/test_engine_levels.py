@@ -97,6 +97,25 @@ def drawn(monkeypatch):
     return found
 
 
+@pytest.mark.parametrize("query", [BINNED, REDRAW], ids=ids)
+def test_maps_that_are_gone_give_their_memory_to_the_next_ones(engine, asset, query):
+    engine.frames.put(asset, "other", OTHER)
+    frames = ("bent", "other", "bent", "other")
+
+    def drawn(frame):
+        return engine.tiles.plan_map(asset, frame, query, 1001, 0).draw()
+
+    wanted, places, others = [drawn(frame) for frame in frames], set(), []
+    with engine.tiles.memory_kept():
+        for frame, map in zip(frames, wanted, strict=True):
+            found = drawn(frame)
+            assert np.array_equal(found, map)
+            places.add(found.__array_interface__["data"][0])
+            del found
+            others.append(np.empty_like(map))  # what malloc would give the next one
+    assert len(places) == 1
+
+
 @pytest.mark.parametrize(
     ("query", "bins"),
     # Only `binned` reads them.

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from rhytid.storage.shared.folder_backend import FolderBackend
+from rhytid.support import atomic_files
 from rhytid.support.atomic_files import (
     atomic_write,
     prepared_in,
@@ -39,6 +40,30 @@ def test_the_digest_of_a_file_is_of_its_bytes(tmp_path: Path) -> None:
 
     assert (tmp_path / "map").read_bytes() == b"somemore"
     assert digest == hashlib.sha256(b"somemore").hexdigest()
+
+
+def test_a_file_is_hashed_while_it_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    both = threading.Barrier(2, timeout=20)
+
+    class Hash:
+        def update(self, piece: bytes) -> None:
+            both.wait()
+
+        def hexdigest(self) -> str:
+            return "of it"
+
+    def write(path: Path, pieces: list[bytes]) -> None:
+        both.wait()
+        raise OSError("the disk is full")
+
+    monkeypatch.setattr("hashlib.sha256", Hash)
+    monkeypatch.setattr(atomic_files, "write_pieces", write)
+    threads = threading.active_count()
+    with pytest.raises(OSError, match="full"):
+        write_hashed(tmp_path / "map", [b"some"])
+    assert threading.active_count() == threads
 
 
 def test_a_killed_writer_leaves_no_half_file_and_what_is_left_is_swept(tmp_path: Path) -> None:

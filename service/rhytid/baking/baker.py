@@ -119,7 +119,7 @@ class Baker:
         record = self._record()
         if not checked:
             self._refuse_mixed(places)
-        with FileWriters(self.engine.memory.limit) as writers:
+        with self.engine.tiles.memory_kept(), FileWriters(self.engine.memory.limit) as writers:
             if self.warnings.refuses(FILES_REPLACED) and not checked:
                 self._refuse_replaced(record, writers, places)
             upcoming, ahead = iter(places), deque[list[Future[int]]]()

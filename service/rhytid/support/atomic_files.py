@@ -9,6 +9,7 @@ import os
 import re
 import shutil
 import stat
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -102,21 +103,23 @@ def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
 
 
 def write_hashed(path: Path, pieces: Iterable[bytes | memoryview]) -> str:
-    """Write a new file as `write_pieces` does; SHA-256 of its bytes, taken as they are written, so
-    that none is read again."""
-    digest = hashlib.sha256()
-    write_pieces(path, _passing(pieces, digest))
+    """Write a new file as `write_pieces` does; SHA-256 of its bytes, taken on a thread of its own
+    while they are written, so that none is read again."""
+    digest, every = hashlib.sha256(), list(pieces)
+    hashing = threading.Thread(target=_update, args=(digest, every))
+    hashing.start()
+    try:
+        write_pieces(path, every)
+    finally:
+        hashing.join()
     if path in _prepared:
         _digests[path] = digest.hexdigest()
     return digest.hexdigest()
 
 
-def _passing(
-    pieces: Iterable[bytes | memoryview], digest: hashlib._Hash
-) -> Iterator[bytes | memoryview]:
+def _update(digest: hashlib._Hash, pieces: list[bytes | memoryview]) -> None:
     for piece in pieces:
         digest.update(piece)
-        yield piece
 
 
 def copy_file(source: Path, to: Path) -> None:

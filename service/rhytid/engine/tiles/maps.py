@@ -20,6 +20,7 @@ from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery, Tile
 from rhytid.errors import BusyError, CancelledError, ChangingError, DeviceMemoryError
 from rhytid.pipeline.work import Square
+from rhytid.support.memory_again import MemoryAgain
 
 # Pieces of which those that are kept are looked for in one task.
 _AT_ONCE = 64
@@ -40,11 +41,12 @@ class MapDrawing:
 
     The first task of a square raises BusyError where too many calls wait; later tasks wait for a
     place, so that no request is refused half-way.  most: callers that may wait for a drawing of
-    another caller.
+    another caller.  memory: of the maps that are drawn.
     """
 
     def __init__(self, on_device: DeviceAssets, most: int) -> None:
         self._on_device, self._most = on_device, most
+        self.memory = MemoryAgain()
         self._lock = threading.Lock()
         self._drawing: dict[Hashable, _Drawing] = {}
         self.joined = 0
@@ -122,7 +124,8 @@ class MapDrawing:
         """
         for _ in range(_ATTEMPTS):
             settings = asset.settings
-            tile = _Square(self._on_device, asset, frame, query, udim).draw(level, square)
+            drawing = _Square(self._on_device, asset, frame, query, udim, self.memory)
+            tile = drawing.draw(level, square)
             if tile is not None and asset.settings is settings:
                 return tile
         raise ChangingError(f"the settings of asset {asset.id} change while its map is drawn")
@@ -132,9 +135,15 @@ class _Square:
     """One square of one frame that is being drawn."""
 
     def __init__(
-        self, on_device: DeviceAssets, asset: Asset, frame: Frame, query: MapQuery, udim: int
+        self,
+        on_device: DeviceAssets,
+        asset: Asset,
+        frame: Frame,
+        query: MapQuery,
+        udim: int,
+        memory: MemoryAgain,
     ) -> None:
-        self._on_device, self._asset = on_device, asset
+        self._on_device, self._asset, self._memory = on_device, asset, memory
         # The asset may be dropped meanwhile: only facts that follow from its settings are used.
         self._resident = on_device.loaded(asset)
         self._settings = self._resident.mesh.settings
@@ -158,7 +167,7 @@ class _Square:
     def _of_pieces(self, level: int, square: Square) -> Tile:
         """A square of a level that is drawn from level 0, piece by piece."""
         pieces = self._resident.levels.pieces(self._query, self._about[2], level, square)
-        out: Tile = np.empty((square[2], square[2]), np.float32)
+        out: Tile = self._memory.empty((square[2], square[2]), np.float32)
         if len(pieces) == 1:
             return self._some(level, {square: out})[square]
         while pieces:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from functools import partial
 
 import numpy as np
@@ -135,6 +136,11 @@ class TileService(Tiles):
         key = map_key(asset, found.settings, self._drawn_by, drawn, query, str(place))
         described = TileDescription(key, _header(found, name, query, at), side)
         return TilePlan(described, partial(spent_on, query.method, draw))
+
+    def memory_kept(self) -> AbstractContextManager[None]:
+        """While the block runs, a map is drawn into the memory of one that nobody holds any more,
+        where there is one of its size."""
+        return self._maps.memory.kept()
 
     def triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
         """(R, R) the triangle that each texel of a UDIM shows, padding included, row 0 at the top;

@@ -192,7 +192,9 @@ class Padding:
         """Rows `start` to `stop` of `padded(heights)`."""
         side = heights.shape[1]
         out: NDArray[np.float32] = heights[start:stop].copy()
-        part = slice(*np.searchsorted(self.texels, [start * side, stop * side]))
+        # Of the same type, else numpy converts all of the numbers to search among them.
+        ends = np.array([start * side, stop * side], self.texels.dtype)
+        part = slice(*np.searchsorted(self.texels, ends))
         out.reshape(-1)[self.texels[part] - start * side] = heights.reshape(-1)[self.sources[part]]
         return out
 
