@@ -165,6 +165,7 @@ def test_files_that_will_be_replaced_are_told_before_one_is(
     told = capsys.readouterr().err
     first = tmp_path / "face.1001.0001.exr"
     assert f"warning: files-replaced: the bake: {first} is not what is asked for" in told
+    assert "it was baked by another method" in told
     assert told.count("a bake replaces it and others like it") == 1
     assert {name: (tmp_path / name).read_bytes() for name in maps(tmp_path)} == before
     engine.failing_after = None
@@ -173,6 +174,17 @@ def test_files_that_will_be_replaced_are_told_before_one_is(
     with pytest.raises(StrictError, match="--allow files-replaced"):
         strict.run()
     assert {name: (tmp_path / name).read_bytes() for name in maps(tmp_path)} == before
+
+
+def test_files_that_no_record_has_are_told_so(
+    engine: FakeEngine, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bake(engine, tmp_path, [0.5])
+    (tmp_path / "face.bake.json").unlink()
+    bake(engine, tmp_path, [0.5])
+    told = capsys.readouterr().err
+    assert "no record of a bake, NAME.bake.json or NAME.bake.FRAMES.json, beside it has it" in told
+    assert "another method" not in told
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -129,13 +129,18 @@ def test_frames_are_looked_at(
     assert main([*given, "--strict", "--allow", "frame-scaled"]) == 0
 
 
-def test_shapes_are_named(tmp_path: Path) -> None:
+def test_shapes_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shapes = np.stack([SAMPLE.pose({"smile": 1.0})] * 2)
     out = tmp_path / "f.json"
     np.savez(tmp_path / "m.npz", **ARRAYS, shapes=shapes, names=np.array(["jawOpen", "odd"]))
     assert main(["check", str(tmp_path / "m.npz"), "--json", str(out)]) == 0
     known = json.loads(out.read_text())["shapes"]
     assert known == {"count": 2, "names": ["jawOpen", "odd"], "regions": {"neck": ["jawOpen"]}}
+    told = "GB; regions that the shapes show have more or fewer"
+    assert told in capsys.readouterr().out
+    np.savez(tmp_path / "m.npz", **ARRAYS, shapes=shapes)
+    assert main(["check", str(tmp_path / "m.npz")]) == 0
+    assert told not in capsys.readouterr().out
 
 
 def test_a_pucker_tells_of_the_mouth_around_the_lips(tmp_path: Path) -> None:

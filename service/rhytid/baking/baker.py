@@ -217,7 +217,7 @@ class Baker:
                     wanted[file] |= keys
             for file, keys in wanted.items():
                 if file.exists() and not any(record.done(file, key) for key in keys):
-                    self.warnings.replaces(file)
+                    self.warnings.replaces(file, record.knows(file))
             self.engine.frames.delete(self.asset.id, place.label)
 
     def _files(self, frame: _Frame, keys: Mapping[int, str]) -> dict[Path, set[str]]:
@@ -298,7 +298,7 @@ class Baker:
             self.skipped += 1
         elif file.exists():
             if not self.replaced:  # told once, before the first of them is written
-                self.warnings.replaces(file)
+                self.warnings.replaces(file, frame.record.knows(file))
             self.replaced += 1
         return done
 

@@ -257,6 +257,11 @@ class BakeRecord:
         """What drew the maps that this record and the others know, as `drawn_by` names it."""
         return {entry["drawn_by"] for maps in self._found for entry in maps.values()}
 
+    def knows(self, file: Path) -> bool:
+        """Whether a bake has written a file of this name."""
+        with self._lock:
+            return any(file.name in maps for maps in self._found)
+
     def done(self, file: Path, key: str) -> bool:
         """Whether `file` is there as it was written for `key`."""
         digests = self._digests(file, key)

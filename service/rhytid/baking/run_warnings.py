@@ -99,12 +99,17 @@ class RunWarnings:
         """Files are written from now on: errors say so, and no more that nothing was done."""
         self._done = "after files were written"
 
-    def replaces(self, file: Path) -> None:
-        """Warn of the first file of a bake that will be replaced. Raises StrictError."""
-        detail = (
-            f"{file} is not what is asked for: it was baked by another method, with other settings "
-            "or frames, or changed since; a bake replaces it and others like it"
+    def replaces(self, file: Path, known: bool) -> None:
+        """Warn of the first file of a bake that will be replaced. Raises StrictError.
+
+        known: whether a record has it.
+        """
+        why = (
+            "it was baked by another method, with other settings or frames, or changed since"
+            if known
+            else "no record of a bake, NAME.bake.json or NAME.bake.FRAMES.json, beside it has it"
         )
+        detail = f"{file} is not what is asked for: {why}; a bake replaces it and others like it"
         self.add([InputWarning(FILES_REPLACED, detail, "the bake")])
         self.refuse()
 

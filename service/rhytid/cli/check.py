@@ -29,6 +29,7 @@ from rhytid.cli.scan_options import (
 )
 from rhytid.cli.summaries import SUMMARIES
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.wording import plural
 from rhytid.support.console import check_suffix, counted, make_place, report, table, working
 
 if TYPE_CHECKING:
@@ -135,8 +136,9 @@ def _draw(check: MeshCheck, name: str, picture: Path) -> None:
     from rhytid.support.atomic_files import atomic_write
 
     masks = check.problems() | check.uneven_texels()
+    mesh = f"{name}, {plural(len(check.mesh.faces), 'triangle')}"
     caption = (
-        f"{name}: a square marks the largest triangle of each kind, in space of those in front; "
+        f"{mesh}: a square marks the largest triangle of each kind, in space of those in front; "
         "what lies later in the legend is drawn over what comes before. "
         f"Texels at {check.resolution} x {check.resolution}."
     )

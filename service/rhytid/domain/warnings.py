@@ -288,8 +288,8 @@ WARNINGS: dict[str, Meaning] = {
         "a bake",
         (
             "files are there under the names of its own, and were baked by another method, with "
-            "other settings or frames, or changed since; told before the first is replaced, with "
-            "`--strict` before any file is written"
+            "other settings or frames, or changed since, or no record of a bake beside them has "
+            "them; told before the first is replaced, with `--strict` before any file is written"
         ),
         "bake into another folder, or under another `--name`, to keep them",
     ),

@@ -335,7 +335,10 @@ def _texels(check: MeshCheck, figures: dict[str, Any]) -> Iterator[Row]:
 
 def _skin(check: MeshCheck) -> Iterator[Row]:
     if check.build is not None:
-        yield "skin at the usual spacing", str(check.build), ""
+        named = (
+            "; regions that the shapes show have more or fewer" if check.shapes()["regions"] else ""
+        )
+        yield "skin at the usual spacing", f"{check.build}{named}", ""
 
 
 def _motion(figures: dict[str, Any]) -> Iterator[Row]:
