@@ -12,7 +12,7 @@ from pipeline.binned import TILE, BinnedScene, stored_maps
 from pipeline.scenes import DEPTH, random_graph, settings_of, sheet
 from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.bins import ShareRange
-from rhytid.pipeline.blend import RAISED_A_LAUNCH, Blend, CushionBlend
+from rhytid.pipeline.blend import TILES_A_LAUNCH, Blend, CushionBlend
 from rhytid.pipeline.cushion import SAMPLES
 from rhytid.pipeline.vectors import VECTOR, VectorTriangles
 
@@ -48,6 +48,12 @@ def owners(made):
     """Those of the broad layer as they are stored, by vector."""
     cushion = made.tile.cushion
     return made.device.read(cushion.owners, (cushion.side**2 // VECTOR, VECTOR), np.int32)
+
+
+def cushion_codes(made):
+    """Those of the broad layer as they are stored, places included."""
+    codes = made.tile.cushion.codes
+    return made.device.read(codes, (codes.nbytes,), np.int8)
 
 
 def clear_samples(made):
@@ -161,6 +167,38 @@ def test_a_frame_passes_over_marked_vectors(device):
     np.testing.assert_array_equal(after, before)
 
 
+def test_heights_of_several_tiles_are_those_of_each_alone(device):
+    made = scene(device)
+    stretch = made.stretch(deform(made.mesh.positions, 5, 0.15))
+    shape = replace(made.settings.shape, grain=0.1)
+    grainy = replace(made.settings, shape=shape)
+    blend, lines = Blend(device, grainy, len(made.mesh.faces)), made.lines(stretch)
+    held, one = blend.coefficients(stretch), made.tile
+    firsts, found = members(made)
+    alone_in = np.arange(len(firsts), dtype=np.int32)  # each vector in its first triangle
+    codes = device.read(one.codes, (one.codes.nbytes,), np.int8)
+    other = replace(
+        one,
+        triangles=VectorTriangles(device.upload(alone_in), device.upload(found[firsts[:-1]])),
+        codes=device.upload(codes[::-1]),
+        cushion=replace(one.cushion, codes=device.upload(np.zeros_like(cushion_codes(made)))),
+    )
+    grains = [device.upload(np.full(TILE * TILE, code, np.int8)) for code in (-50, 90)]
+
+    def heights(tiles):
+        given = [grains[int(tile is other)] for tile in tiles]
+        made_of = blend.tiles(tiles, held, given, lines)
+        return [device.read(buffer, (TILE * TILE,), np.float32) for buffer in made_of]
+
+    alone = {id(tile): heights([tile])[0] for tile in (one, other)}
+    assert (alone[id(one)] != alone[id(other)]).any()
+    for at in range(TILES_A_LAUNCH):
+        tiles = [one] * TILES_A_LAUNCH + [other]
+        tiles[at] = other
+        for tile, got in zip(tiles, heights(tiles), strict=True):
+            np.testing.assert_array_equal(got, alone[id(tile)])
+
+
 def test_samples_of_several_tiles_are_those_of_each_alone(device):
     made, stored = scene(device), owners(scene(device))
     vector = int(np.flatnonzero(~clear_samples(made))[0])
@@ -173,7 +211,7 @@ def test_samples_of_several_tiles_are_those_of_each_alone(device):
         device.read(blend.tiles([tile], lines), (samples,), np.float32) for tile in (one, marked)
     ]
     assert (alone[0] != alone[1]).any()
-    for several in ([one, marked, one, marked, marked], [one, *[marked] * (RAISED_A_LAUNCH - 1)]):
+    for several in ([one, marked, one, marked, marked], [one, *[marked] * (TILES_A_LAUNCH - 1)]):
         got = device.read(blend.tiles(several, lines), (len(several), one.values), np.float32)
         for tile, values in zip(several, got, strict=True):
             np.testing.assert_array_equal(values[:samples], alone[int(tile is marked)])

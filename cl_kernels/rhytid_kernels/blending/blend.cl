@@ -4,6 +4,7 @@
 
 #include "ahead.clh"
 #include "merge.clh"
+#include "tiles.clh"
 #include "vectors.clh"
 #ifdef RAISED
 #include "spline.clh"
@@ -11,18 +12,6 @@
 #ifdef GRAINY
 #include "grain.clh"
 #endif
-
-// The codes of two neighbouring samples. place: the third coefficient. Only these are read.
-typedef struct {
-    float16 first, second;
-} neighbours_t;
-
-inline neighbours_t neighbours(__global const CODE *maps, float place)
-{
-    maps += CODES_BEFORE(place);
-    neighbours_t n = {FLOATS_OF(maps), FLOATS_OF(maps + WIDTH)};
-    return n;
-}
 
 // Numbers of one triangle, of two or of three, and the texels in the second and in the third. count: how many,
 // known to the compiler. Not in arrays, which PoCL keeps in memory.
@@ -44,43 +33,37 @@ IN_PLACE triangles_t triangles_of(__global const int2 *members, int count, __glo
     return triangles;
 }
 
-// Of numbers of each triangle that of the one that each texel lies in.
-IN_PLACE float16 own_of(triangles_t triangles, float16 first, float16 second, float16 third)
-{
-    if (triangles.count > 1)
-        first = select(first, second, triangles.in_second);
-    return triangles.count > 2 ? select(first, third, triangles.in_third) : first;
-}
-
 // Number k of the triangle that each texel lies in.
 IN_PLACE float16 chosen(triangles_t triangles, int k)
 {
-    return own_of(triangles, triangles.first[k], triangles.second[k], triangles.third[k]);
+    float16 number = triangles.first[k];
+    if (triangles.count > 1)
+        number = select(number, (float16)(triangles.second[k]), triangles.in_second);
+    return triangles.count > 2 ? select(number, (float16)(triangles.third[k]), triangles.in_third) : number;
 }
 
-inline bool alike(triangles_t triangles, int k)
+// Of each texel the code that lies so many after the first of the two samples around the place of its
+// triangle. coefficients: four of each, of weights.cl, read one by one, so that each is loaded into all lanes
+// at once; the third is the place.
+#define CODES_AFTER(coefficients, at)                                                              \
+    convert_int16(vload16(0, maps + CODES_BEFORE((coefficients)[2]) + (at)))
+
+// Codes are chosen as whole numbers, in the instruction that loads them, so that a vector is blended once,
+// and without a branch, wherever its triangles lie.
+IN_PLACE float16 own_codes(__global const CODE *maps, triangles_t own, int at)
 {
-    const int first = as_int(triangles.first[k]);
-    return (triangles.count < 2 || as_int(triangles.second[k]) == first) &&
-           (triangles.count < 3 || as_int(triangles.third[k]) == first);
+    int16 codes = CODES_AFTER(own.first, at);
+    if (own.count > 1)
+        codes = select(codes, CODES_AFTER(own.second, at), own.in_second);
+    if (own.count > 2)
+        codes = select(codes, CODES_AFTER(own.third, at), own.in_third);
+    return convert_float16(codes);
 }
 
-// Linear between two samples. coefficients: four, of weights.cl, read one by one, so that each is loaded into
-// all lanes at once.
-inline float16 between(__global const CODE *maps, __global const float *coefficients)
-{
-    const neighbours_t codes = neighbours(maps, coefficients[2]);
-    return codes.first * coefficients[0] + codes.second * coefficients[1];
-}
-
-// Each texel between two samples by the coefficients of its triangle. Triangles of a vector mostly lie
-// between the same ones, and it is blended once.
+// Each texel linear between two samples, by the coefficients of its triangle.
 IN_PLACE float16 between_own(__global const CODE *maps, triangles_t own)
 {
-    if (!alike(own, 2))
-        return own_of(own, between(maps, own.first), between(maps, own.second), between(maps, own.third));
-    const neighbours_t codes = neighbours(maps, own.first[2]);
-    return codes.first * chosen(own, 0) + codes.second * chosen(own, 1);
+    return own_codes(maps, own, 0) * chosen(own, 0) + own_codes(maps, own, WIDTH) * chosen(own, 1);
 }
 
 // Algorithm 3, lines 11 to 14, in units of the merge. own: the coefficients of the triangles, from what lines
@@ -168,28 +151,26 @@ inline void blend_vector(__global const int *firsts, __global const int2 *member
     vstore16(d, 0, out + i * WIDTH);
 }
 
-// Up to four tiles of as many texels at once, as blend_vector has it: work-item (vector, tile). coarse: of
-// so many tiles before them, and of them, `values` each.
 #define TILE(k)                                                                                    \
     __global const int *firsts##k, __global const int2 *members##k, __global const CODE *codes##k, \
-        __global const char *grain##k, __global float *out##k
-#define BLEND(k)                                                                                   \
-    case k:                                                                                        \
-        blend_vector(firsts##k, members##k, codes##k, coarse + (before + k) * values, grain##k,    \
-                     coefficients, gains, unit, width, amplitude, depth, out##k);                  \
-        break;
+        __global const char *grain##k, __global float *out##k,
+#define CHOOSE(k)                                                                                  \
+    OF_TILE(k, tile, firsts), OF_TILE(k, tile, members), OF_TILE(k, tile, codes),                  \
+        OF_TILE(k, tile, grain), OF_TILE(k, tile, out);
 
-// It is in vectors already: without the hint Intel's compiler packs work-items, which takes half as
-// long again.
+// As blend_vector has it. coarse: of all tiles, `values` each. It is in vectors already: without the hint
+// Intel's compiler packs work-items, which takes half as long again.
 __kernel __attribute__((vec_type_hint(float16))) void
-blend(TILE(0), TILE(1), TILE(2), TILE(3), __global const float *coefficients,
-      __global const float *gains, __global const float *coarse, int before, int values, float unit,
-      int width, float amplitude, float depth)
+blend(OF_TILES(TILE) __global const float *coefficients, __global const float *gains,
+      __global const float *coarse, int values, float unit, int width, float amplitude, float depth)
 {
-    switch (get_global_id(1)) {
-        BLEND(0)
-        BLEND(1)
-        BLEND(2)
-        BLEND(3)
-    }
+    const int tile = get_global_id(1);
+    __global const int *firsts = 0;
+    __global const int2 *members = 0;
+    __global const CODE *codes = 0;
+    __global const char *grain = 0;
+    __global float *out = 0;
+    OF_TILES(CHOOSE)
+    blend_vector(firsts, members, codes, coarse + tile * values, grain, coefficients, gains, unit, width,
+                 amplitude, depth, out);
 }

@@ -3,6 +3,7 @@
 #include "ahead.clh"
 #include "codes.clh"
 #include "response.clh"
+#include "tiles.clh"
 #include "vectors.clh"
 
 #define VECTOR_CODES ((SAMPLES + 1) * WIDTH)
@@ -15,16 +16,15 @@ POWER_OF_TWO(power16, float16, int16)
 inline void ask_for_owners(__global const int *owners, int i, __global const float2 *stretches)
 {
     owners += min(i + OWNERS_AHEAD, (int)get_global_size(0) - 1) * WIDTH;
-    for (int lane = 0; lane < WIDTH; lane++)
+    UNROLLED for (int lane = 0; lane < WIDTH; lane++)
         SOON_ALONE(stretches + owners[lane]);
 }
 
 // r of eight lines at both ends: put together in registers, for a processor waits where it reads as a
-// vector what it has just stored one by one.
-#define ENDS_OF(lines)                                                                             \
-    ((float16)(stretches[(lines)[0]], stretches[(lines)[1]], stretches[(lines)[2]],                \
-               stretches[(lines)[3]], stretches[(lines)[4]], stretches[(lines)[5]],                \
-               stretches[(lines)[6]], stretches[(lines)[7]]))
+// vector what it has just stored one by one. In halves, so that none waits for all before it.
+#define ENDS_OF_TWO(lines) ((float4)(stretches[(lines)[0]], stretches[(lines)[1]]))
+#define ENDS_OF_FOUR(lines) ((float8)(ENDS_OF_TWO(lines), ENDS_OF_TWO((lines) + 2)))
+#define ENDS_OF(lines) ((float16)(ENDS_OF_FOUR(lines), ENDS_OF_FOUR((lines) + 4)))
 
 // r of the owners of a vector of samples, each at its place along it. stretches: r at both ends of each
 // line. places: codes.
@@ -55,46 +55,23 @@ inline void blend_samples(__global const int *owners, __global const CODE *codes
     ask_for_owners(owners, i, stretches);
     float16 r = owner_stretch(owners + i * WIDTH, codes + SAMPLES * WIDTH, stretches);
     float16 position = (clamp(r * (1.0f / last), -1.0f, 1.0f) + 1.0f) * (0.5f * (SAMPLES - 1));
-    float16 sum = 0.0f;
-    for (int m = 0; m < SAMPLES; m++)
-        sum += FLOATS_OF(codes + m * WIDTH) * (max(1.0f - fabs(position - m), (float16)(0.0f)) * steps[m]);
+    float16 sum = 0.0f, at = 0.0f; // counted in lanes: a whole number is made a float slowly
+    for (int m = 0; m < SAMPLES; m++, at += 1.0f)
+        sum += FLOATS_OF(codes + m * WIDTH) * (max(1.0f - fabs(position - at), (float16)(0.0f)) * steps[m]);
     vstore16(SCALE(power16, r, -exponent, SCALE_LIMIT) * sum, i, out);
 }
 
-// Up to sixteen tiles of as many samples at once: work-item (vector, tile). out: of all, one after the
-// other, `values` each.
-#define TILE(k) __global const int *owners##k, __global const CODE *codes##k
-#define CHOOSE(k)                                                                                  \
-    case k:                                                                                        \
-        owners = owners##k;                                                                        \
-        codes = codes##k;                                                                          \
-        break;
+#define TILE(k) __global const int *owners##k, __global const CODE *codes##k,
+#define CHOOSE(k) OF_TILE(k, tile, owners), OF_TILE(k, tile, codes);
 
-// With the hint as in blend.cl. The memory of a tile is chosen ahead of one copy of the code: sixteen copies
-// take PoCL half a second to compile, and are no faster.
+// out: of all tiles, one after the other, `values` each. With the hint as in blend.cl.
 __kernel __attribute__((vec_type_hint(float16))) void
-blend_cushions(TILE(0), TILE(1), TILE(2), TILE(3), TILE(4), TILE(5), TILE(6), TILE(7), TILE(8), TILE(9),
-               TILE(10), TILE(11), TILE(12), TILE(13), TILE(14), TILE(15), __global const float2 *stretches,
-               __global const float *steps, float last, float exponent, int values, __global float *out)
+blend_cushions(OF_TILES(TILE) __global const float2 *stretches, __global const float *steps, float last,
+               float exponent, int values, __global float *out)
 {
-    __global const int *owners = owners0;
-    __global const CODE *codes = codes0;
-    switch (get_global_id(1)) {
-        CHOOSE(1)
-        CHOOSE(2)
-        CHOOSE(3)
-        CHOOSE(4)
-        CHOOSE(5)
-        CHOOSE(6)
-        CHOOSE(7)
-        CHOOSE(8)
-        CHOOSE(9)
-        CHOOSE(10)
-        CHOOSE(11)
-        CHOOSE(12)
-        CHOOSE(13)
-        CHOOSE(14)
-        CHOOSE(15)
-    }
-    blend_samples(owners, codes, stretches, steps, last, exponent, out + get_global_id(1) * values);
+    const int tile = get_global_id(1);
+    __global const int *owners = 0;
+    __global const CODE *codes = 0;
+    OF_TILES(CHOOSE)
+    blend_samples(owners, codes, stretches, steps, last, exponent, out + tile * values);
 }

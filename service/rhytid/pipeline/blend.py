@@ -43,9 +43,9 @@ from rhytid.pipeline.work import Place
 
 # How merge.clh calls a merge. `signed` is `mellow` of one signed map in place of two.
 MERGES = {"min": "MIN", "soft": "SOFT", "signed": "MELLOW", "mellow": "MELLOW"}
-# That blend.cl takes, and blend_cushions.cl: its tiles are so short that one core would wait for
-# the other at the end of each four.
-TILES_A_LAUNCH, RAISED_A_LAUNCH = 4, 16
+# That blend.cl and blend_cushions.cl take. Of fewer one core would wait for the other at the end of
+# each launch.
+TILES_A_LAUNCH = 16
 
 
 def unit_of(settings: AssetSettings) -> float:
@@ -192,13 +192,12 @@ class Blend:
         lines: `ends` of LineStretches, where the tiles have a broad layer.
         """
         made = [self._device.empty(maps.texels, np.float32) for maps in tiles]
-        for first in range(0, len(tiles), RAISED_A_LAUNCH):
-            some = slice(first, first + RAISED_A_LAUNCH)
+        for first in range(0, len(tiles), TILES_A_LAUNCH):
+            some = slice(first, first + TILES_A_LAUNCH)
             codes = grains[some] if grains else [None] * len(made[some])
             with self._raised(tiles[some], lines) as raised:
                 parts = list(zip(tiles[some], codes, made[some], strict=True))
-                for at in range(0, len(parts), TILES_A_LAUNCH):
-                    self._launch_blend(parts[at : at + TILES_A_LAUNCH], coefficients, raised, at)
+                self._launch_blend(parts, coefficients, raised)
         return made
 
     def _launch_blend(
@@ -206,12 +205,10 @@ class Blend:
         parts: Sequence[tuple[BinTile, Buffer | None, Buffer]],
         coefficients: Coefficients,
         raised: _Raised,
-        at: int,
     ) -> None:
         """Blend TILES_A_LAUNCH tiles at most.
 
-        parts: each tile, the codes of its grain, and where it is written.  at: where the first is
-        among those of the broad layer.
+        parts: each tile, the codes of its grain, and where it is written.  raised: of these tiles.
         """
         first, grain, _ = parts[0]
         vectors = first.texels // VECTOR
@@ -219,12 +216,11 @@ class Blend:
             (tile.triangles.firsts, tile.triangles.members, tile.codes, *others)
             for tile, *others in parts
         ]
-        of_each += [of_each[0]] * (TILES_A_LAUNCH - len(parts))  # which no work-item looks at
         self._device.launch(
             "blend", "blend", (vectors, len(parts)),
-            *chain.from_iterable(of_each), coefficients.own,
+            *_of_all(of_each), coefficients.own,
             None if grain is None else coefficients.gains, raised.coarse,
-            np.int32(at), np.int32(raised.values), self._unit, first.place[0],
+            np.int32(raised.values), self._unit, first.place[0],
             np.float32(grain_amplitude(self._settings)), np.float32(self._settings.depth),
             group=_group(self._device.shape.vectors, vectors),
             defines={
@@ -310,6 +306,12 @@ def _group(most: int, vectors: int) -> tuple[int, int]:
     return next(n for n in range(min(most, vectors), 0, -1) if vectors % n == 0), 1
 
 
+def _of_all(of_each: Sequence[tuple[object, ...]]) -> Iterator[object]:
+    """The arguments of each tile of a launch, and None for those that it could have taken."""
+    none = (None,) * len(of_each[0])
+    return chain(*of_each, *[none] * (TILES_A_LAUNCH - len(of_each)))
+
+
 class CushionBlend:
     """Blends tiles of the broad layer of one asset."""
 
@@ -330,7 +332,7 @@ class CushionBlend:
         }
 
     def tiles(self, tiles: Sequence[CushionTile], lines: Buffer) -> Buffer:
-        """float32 displacement of the samples of tiles, RAISED_A_LAUNCH at most with equally many
+        """float32 displacement of the samples of tiles, TILES_A_LAUNCH at most with equally many
         samples, on the device, one tile after the other with `CushionTile.values` each. One
         buffer, as each costs the host some microseconds in every launch.
 
@@ -339,10 +341,9 @@ class CushionBlend:
         vectors, values = tiles[0].side ** 2 // VECTOR, tiles[0].values
         made = self._device.empty(len(tiles) * values, np.float32)
         of_each = [(maps.owners, maps.codes) for maps in tiles]
-        of_each += [of_each[0]] * (RAISED_A_LAUNCH - len(tiles))  # which no work-item looks at
         self._device.launch(
             "blend_cushions", "blend_cushions", (vectors, len(tiles)),
-            *chain.from_iterable(of_each), lines, self._steps, self._last, self._exponent,
+            *_of_all(of_each), lines, self._steps, self._last, self._exponent,
             np.int32(values), made,
             group=_group(self._device.shape.vectors, vectors),
             defines=self._defines,

@@ -14,9 +14,11 @@ import numpy as np
 from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
 from rhytid.domain.residual import Residual
-from rhytid.pipeline.blend import TILES_A_LAUNCH
 from rhytid.pipeline.vectors import VECTOR
 from rhytid.pipeline.work import Square
+
+# That residual.cl takes.
+SQUARES_A_LAUNCH = 4
 
 
 @dataclass(frozen=True)
@@ -48,13 +50,13 @@ class ResidualMap(BufferGroup):
 
         outs: of each side² float32, mesh units; more may follow.
         """
-        for first in range(0, len(outs), TILES_A_LAUNCH):
-            some = slice(first, first + TILES_A_LAUNCH)
+        for first in range(0, len(outs), SQUARES_A_LAUNCH):
+            some = slice(first, first + SQUARES_A_LAUNCH)
             self._add(device, outs[some], squares[some])
 
     def _add(self, device: Device, outs: Sequence[Buffer], squares: Sequence[Square]) -> None:
-        """Add it to TILES_A_LAUNCH squares at most."""
-        side, none = squares[0][2], TILES_A_LAUNCH - len(outs)  # which no work-item looks at
+        """Add it to SQUARES_A_LAUNCH squares at most."""
+        side, none = squares[0][2], SQUARES_A_LAUNCH - len(outs)  # which no work-item looks at
         firsts = [row * self.side + column for row, column, _ in squares] + none * [0]
         device.launch(
             "residual", "add_residual", (side // VECTOR, side, len(outs)),
