@@ -240,7 +240,8 @@ __kernel void find_neighbours(int first, int count, __global const int *place,
 }
 
 // Squared distance of points listed[first..count) to their nearest within one cell, in 1/scale;
-// infinity where there is none.
+// infinity where there is none. All points within half a cell are in the first 8 CELLS: where one is
+// surely so near, the others are not looked at.
 __kernel void nearest_distance(int first, int count, __global const int *listed,
                                __global const int *place, __global const float *normal, int cell,
                                uint mask, __global const int *head, __global const int *next,
@@ -250,10 +251,11 @@ __kernel void nearest_distance(int first, int count, __global const int *listed,
     if (k >= count)
         return;
     int i = listed[k];
-    int3 p = vload3(i, place), at = p / cell;
+    int3 p = vload3(i, place);
     float3 n = vload3(i, normal);
-    float best = INFINITY, limit = cell * scale;
-    FOR_POINTS(j, at - 1, at + 1)
+    float best = INFINITY, limit = cell * scale, surely = 0.249f * limit * limit;
+    around_t around = cells_around(p, cell);
+    FOR_NEAR(j, around, part_ == 0 || best > surely, next[j])
     {
         float3 d = between(p, vload3(j, place), scale);
         if (j != i && same_sheet(n, vload3(j, normal)))

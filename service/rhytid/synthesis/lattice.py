@@ -116,8 +116,11 @@ def spatial_order(places: NDArray[np.int32]) -> NDArray[np.intp]:
     over_rows(len(code), find)
     order: NDArray[Any] = np.argsort(code)
     ordered = code[order]
-    if (ordered[1:] == ordered[:-1]).any():
-        order = np.lexsort((*places.T, code))
+    same = np.flatnonzero(ordered[1:] == ordered[:-1])
+    if len(same):  # few: to sort all by their places would take longer than all else here
+        at = np.union1d(same, same + 1)
+        tied = np.sort(order[at])
+        order[at] = tied[np.lexsort((*places[tied].T, code[tied]))]
     return order
 
 
