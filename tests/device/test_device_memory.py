@@ -134,3 +134,54 @@ def test_a_buffer_above_the_largest_of_the_driver_is_refused_with_both_numbers(d
 
 def test_the_driver_says_what_its_largest_buffer_is(device):
     assert 0 < device.info.largest_buffer == device.info.handle.max_mem_alloc_size
+
+
+def test_a_processor_reads_an_array_that_is_lent_where_it_lies(device):
+    values = np.arange(1 << 12, dtype=np.float32)
+    small = Device(device.info, 1 << 20)
+    lent, out = small.lend(values), small.empty(len(values), np.float32)
+    assert small.budget.used == 2 * values.nbytes
+    assert np.shares_memory(lent.host, values)
+    small.launch("copy", "copy_map", (len(values) // 16,), lent, out)
+    np.testing.assert_array_equal(small.read(out, values.shape, np.float32), values)
+    small.budget.new_task()
+    lent.release()
+    lent.release()
+    assert (small.budget.used, small.pool.held) == (values.nbytes, 0)
+    small.full(len(values), np.float32(7.0))  # not in the memory of the array
+    small.finish()
+    np.testing.assert_array_equal(values, np.arange(1 << 12))
+    assert small.lend(np.zeros((0, 3), np.float32)).nbytes == 0
+
+
+def test_what_a_processor_gives_back_is_memory_that_nothing_else_uses(device):
+    values = np.arange(1 << 12, dtype=np.float32)
+    small = Device(device.info, 1 << 20)
+    spare = small.upload(values)
+    for _ in range(2):
+        out = small.readable(len(values), np.float32)
+        small.launch("copy", "copy_map", (len(values) // 16,), spare, out)
+        found = small.read(out, (64, 64), np.float32)
+        assert np.shares_memory(out.host, found)
+        out.release()
+        assert (small.budget.used, small.pool.held) == (values.nbytes, 0)
+        small.full(len(values), np.float32(7.0)).release()
+        np.testing.assert_array_equal(found.ravel(), values)
+        small.pool.shrink(0)
+    none = small.read(small.readable(1000, np.int32, zero=True), (1000,), np.int32)
+    np.testing.assert_array_equal(none, np.zeros(1000, np.int32))
+
+
+def test_a_device_with_memory_of_its_own_takes_copies(device):
+    values = np.arange(1 << 12, dtype=np.float32)
+    card = Device(replace(device.info, kind="gpu"), 1 << 20)
+    lent, out = card.lend(values), card.readable(len(values), np.float32, zero=True)
+    np.testing.assert_array_equal(card.read(out, values.shape, np.float32), 0.0 * values)
+    values[:] = -1.0
+    card.launch("copy", "copy_map", (len(values) // 16,), lent, out)
+    found = card.read(out, values.shape, np.float32)
+    np.testing.assert_array_equal(found, np.arange(1 << 12))
+    assert lent.host is None
+    assert out.host is None
+    lent.release()
+    assert card.pool.held == lent.nbytes

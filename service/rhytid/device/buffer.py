@@ -6,6 +6,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rhytid.device.budget import Releasable
 
 
@@ -13,14 +16,15 @@ class Buffer:
     """Bytes on the device, counted in its budget until they are released.
 
     handle: the memory of the driver; None until there is any.  release_by: takes the buffer back;
-    every `release` calls it.
+    every `release` calls it.  host: the array whose memory it is; None where it has its own.
     """
 
     # A frame makes some seventy, whose dictionaries Python would look through for garbage.
-    __slots__ = ("_release_by", "handle", "nbytes", "released")
+    __slots__ = ("_release_by", "handle", "host", "nbytes", "released")
 
     def __init__(self, nbytes: int, handle: Any, release_by: Callable[[Buffer], None]) -> None:
         self.nbytes, self.handle = nbytes, handle
+        self.host: NDArray[np.uint8] | None = None
         self.released = False
         self._release_by = release_by
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Hashable, Iterator, Mapping
@@ -32,6 +33,7 @@ from rhytid.device.programs import NO_DEFINES, Programs
 from rhytid.device.select import Candidate
 from rhytid.errors import DeviceMemoryError
 
+_PAGE = 4096
 T = TypeVar("T")
 Part = TypeVar("Part", bound=Releasable)
 Group = TypeVar("Group", bound=BufferGroup)
@@ -252,6 +254,43 @@ class Device:
         return buffer
 
     @_stepped
+    def lend(self, array: NDArray[Any]) -> Buffer:
+        """As `upload`, but on a processor the memory of `array` itself, which takes no copy: for
+        kernels that only read it, a number or two at a time (it is aligned to no more). Nobody
+        writes to it until the buffer is released."""
+        host = np.ascontiguousarray(array)
+        if not self._shares_memory or not host.nbytes:
+            return self._buffer(host.nbytes, host if host.nbytes else None)
+        return self._over(host.reshape(-1).view(np.uint8), cl.mem_flags.READ_ONLY)
+
+    @_stepped
+    def readable(self, count: int, dtype: DTypeLike, zero: bool = False) -> Buffer:
+        """As `empty`, for what the host is to have: `read` copies nothing on a processor, but gives
+        the memory of the buffer, to which no kernel may write from then on.  zero: whether values
+        are 0 at first."""
+        nbytes = count * np.dtype(dtype).itemsize
+        if not self._shares_memory or not nbytes:
+            return self.full(count, np.dtype(dtype).type(0)) if zero else self._buffer(nbytes)
+        return self._over(_aligned(nbytes, zero), cl.mem_flags.READ_WRITE)
+
+    @property
+    def _shares_memory(self) -> bool:
+        """Whether kernels can use arrays of the host where they lie."""
+        return self.info.kind == "cpu"
+
+    def _over(self, host: NDArray[np.uint8], access: int) -> Buffer:
+        """A buffer that is the memory of an array."""
+        self.budget.reserve(host.nbytes, reuse=False)
+        buffer = Buffer(host.nbytes, None, self._taking_back)
+        self.born.append(buffer)
+        self._check_size(host.nbytes)
+        with driver_errors():
+            flags = access | cl.mem_flags.USE_HOST_PTR
+            buffer.handle = cl.Buffer(self.context, flags, hostbuf=host)
+        buffer.host = host
+        return buffer
+
+    @_stepped
     def empty(self, count: int, dtype: DTypeLike) -> Buffer:
         """A buffer for `count` values, not initialised."""
         return self._buffer(count * np.dtype(dtype).itemsize)
@@ -275,36 +314,62 @@ class Device:
         return buffer
 
     def _allocate(self, nbytes: int, host: NDArray[Any] | None) -> Any:
-        """Memory of the driver with the bytes of `host`, or uninitialised.
-
-        Raises DeviceMemoryError where one buffer of the device cannot be so large.
-        """
-        if nbytes > self.info.largest_buffer:
-            raise DeviceMemoryError(
-                f"a buffer of {nbytes} bytes: {self.info.name} gives {self.info.largest_buffer} "
-                "bytes at most"
-            )
+        """Memory of the driver with the bytes of `host`, or uninitialised."""
+        self._check_size(nbytes)
         flags = cl.mem_flags.READ_WRITE
         if host is not None:
             flags |= cl.mem_flags.COPY_HOST_PTR
         with driver_errors():
             return cl.Buffer(self.context, flags, max(nbytes, 1), hostbuf=host)
 
+    def _check_size(self, nbytes: int) -> None:
+        """Raise DeviceMemoryError where one buffer of the device cannot be so large."""
+        if nbytes > self.info.largest_buffer:
+            raise DeviceMemoryError(
+                f"a buffer of {nbytes} bytes: {self.info.name} gives {self.info.largest_buffer} "
+                "bytes at most"
+            )
+
     @_stepped
     def _take_back(self, buffer: Buffer) -> None:
         if not buffer.released:
             buffer.released = True
             self.budget.free(buffer.nbytes)
-            if buffer.handle is not None:
+            if buffer.host is not None:
+                self._end_loan(buffer)
+            elif buffer.handle is not None:
                 self.pool.leave(buffer.handle, buffer.nbytes)
+
+    def _end_loan(self, buffer: Buffer) -> None:
+        """Let go of memory of the host, once no launch uses it."""
+        with driver_errors():
+            self._queue.finish()
+            buffer.handle.release()
+        buffer.handle = buffer.host = None
 
     @_stepped
     def read(self, buffer: Buffer, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-        """The first values of a buffer; waits for all launches before."""
+        """The first values of a buffer; waits for all launches before. Those of `readable` are in
+        the memory of the buffer, where the device shares it."""
+        if buffer.host is not None:
+            return self._seen(buffer, buffer.host, shape, np.dtype(dtype))
         host = np.empty(shape, dtype)
         if host.size:
             self._copy_to(host, buffer)
         return host
+
+    def _seen(
+        self, buffer: Buffer, host: NDArray[np.uint8], shape: tuple[int, ...], dtype: np.dtype[Any]
+    ) -> NDArray[Any]:
+        """The first values of memory that the device shares, once the host may see them."""
+        with driver_errors():
+            flags = cl.map_flags.READ
+            seen, _ = cl.enqueue_map_buffer(
+                self._queue, buffer.handle, flags, 0, (buffer.nbytes,), np.uint8, is_blocking=True
+            )
+            seen.base.release(self._queue)
+            self._queue.finish()
+        return host[: math.prod(shape) * dtype.itemsize].view(dtype).reshape(shape)
 
     def _copy_to(self, host: NDArray[Any], buffer: Buffer, **places: Any) -> None:
         """Copy to the host and wait for it. The copy alone is timed, from when all launches are
@@ -410,6 +475,13 @@ class Device:
     def digest(self, program: str) -> str:
         """Twelve hexadecimal digits that change with the source of a program."""
         return rhytid_kernels.digest(program)
+
+
+def _aligned(nbytes: int, zero: bool) -> NDArray[np.uint8]:
+    """An array of so many bytes from the start of a page on, as drivers want it."""
+    whole = np.zeros(nbytes + _PAGE, np.uint8) if zero else np.empty(nbytes + _PAGE, np.uint8)
+    start = -whole.ctypes.data % _PAGE
+    return whole[start : start + nbytes]
 
 
 class OnFirstUse(Generic[Part]):

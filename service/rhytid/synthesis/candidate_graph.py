@@ -171,12 +171,12 @@ def _marks(
     count, crossings = len(net.edges), net.crossings
     progress(0.0, "selection")
     with work.nested() as nested:
-        key = nested.upload(-strength)
-        conflicts = Incidence.of(nested, nested.upload(crossings), len(crossings), count)
+        key = nested.lend(-strength)
+        conflicts = Incidence.of(nested, nested.lend(crossings), len(crossings), count)
         progress(0.2, "selection")
         state = chosen(nested, key, count, conflicts)
         progress(0.5, "selection")
-        nodes, marked = nested.upload(net.edges.nodes), nested.empty(count, np.uint8)
+        nodes, marked = nested.lend(net.edges.nodes), nested.readable(count, np.uint8)
         lists = Incidence.of(nested, nodes, count, len(net.pores))
         progress(0.8, "selection")
         nested.run(

@@ -85,7 +85,7 @@ class DartSelection:
 
     def take(self, darts: Throw) -> None:
         """Keep those darts of a throw that fit."""
-        room = self._work.empty(darts.count, np.uint8)
+        room = self._work.readable(darts.count, np.uint8)
         self._work.run(
             "pores", "find_room", darts.count, darts.triangle, darts.place, darts.normal,
             darts.factor, darts.level, *self.lists, room,
@@ -123,7 +123,7 @@ class DartSelection:
     def _thinned(self, darts: Throw, fitting: NDArray[np.int32]) -> NDArray[np.int32]:
         """The fitting darts that are kept when they come in the order of priority."""
         with self._work.nested() as nested:
-            listed = nested.upload(fitting)
+            listed = nested.lend(fitting)
             grid = Grid.empty(nested, self._cell, len(fitting), darts.count)
             grid.insert_listed(nested, darts.place, listed, len(fitting))
             arguments = (
@@ -140,7 +140,7 @@ class DartSelection:
     def _add(self, darts: Throw, chosen: NDArray[np.int32]) -> None:
         if self.count + len(chosen) > self._kept.most:
             self._make_room(2 * (self.count + len(chosen)))
-        listed = self._work.upload(chosen)
+        listed = self._work.lend(chosen)
         self._work.run(
             "pores", "take_darts", len(chosen), self.count, listed, darts.triangle, darts.place,
             darts.normal, darts.uv, darts.factor, self._cell, *self._kept.arrays,
@@ -178,8 +178,9 @@ class KeptPores:
     @classmethod
     def empty(cls, work: Workspace, most: int) -> KeptPores:
         """Arrays without pores."""
-        pores, triangle = work.empty(8 * most, np.int32), work.empty(most, np.int32)
-        return cls(most, mask_of_lists(most), pores, triangle, work.empty(2 * most, np.float32))
+        pores, triangle = work.readable(8 * most, np.int32), work.readable(most, np.int32)
+        uv = work.readable(2 * most, np.float32)
+        return cls(most, mask_of_lists(most), pores, triangle, uv)
 
     @property
     def arrays(self) -> tuple[Any, ...]:

@@ -85,7 +85,7 @@ def candidates(
         lattice = Lattice.absolute(radius, *surface.extent)
         cell = REACH * radius * float(factor.max(initial=0.0))
         cloud = DevicePoints.of(nested, pores, cell, lattice)
-        found = nested.upload(factor)
+        found = nested.lend(factor)
         ways, nearest = _ways(nested, cloud, found, radius, count, part(progress, 0.0, 0.6))
         nodes, length = _pairs(nested, cloud, ways)
         nested.release(ways, found, *cloud.points, cloud.grid.head, cloud.grid.next)
@@ -115,7 +115,8 @@ def _ways(
         *cloud.points, factor, *cloud.grid.arguments, float(cloud.lattice.unit / radius),
         float(REACH),
     )  # fmt: skip
-    nearest2, far2 = (work.empty(cloud.count, np.float32) for _ in range(2))
+    nearest2 = work.readable(cloud.count, np.float32)
+    far2 = work.empty(cloud.count, np.float32)
     far, ways = work.empty(cloud.count, np.int32), work.empty(WAYS * cloud.count, np.int32)
     work.run(
         "nearest", "list_near", -(-cloud.count // _TOGETHER), cloud.count, count, *shared, nearest2,
@@ -135,11 +136,11 @@ def _pairs(
     work: Workspace, cloud: DevicePoints, ways: Buffer
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """(E, 2) pairs of pores that are neighbours of each other, and (E,) their distance."""
-    counts = work.empty(cloud.count, np.int32)
+    counts = work.readable(cloud.count, np.int32)
     work.run("edges", "count_edges", cloud.count, ways, counts, defines=DEFINES)
     starts = starts_of(work.read(counts, (cloud.count,), np.int32))
-    edges, offsets = int(starts[-1]), work.upload(starts)
-    nodes, length = work.empty(2 * edges, np.int32), work.empty(edges, np.float32)
+    edges, offsets = int(starts[-1]), work.lend(starts)
+    nodes, length = work.readable(2 * edges, np.int32), work.readable(edges, np.float32)
     work.run(
         "edges", "list_edges", cloud.count, ways, offsets, cloud.place,
         float(cloud.lattice.unit), nodes, length, defines=DEFINES,
@@ -160,15 +161,19 @@ def _middles(
 ) -> NDArray[np.int32]:
     """(E,) the middle triangle of each straight line in the map, BORDER where there is none."""
     jacobian = surface.jacobian.transpose(0, 2, 1)
-    arrays = (
-        nodes, length, pores.uv.astype(np.float32), pores.triangle.astype(np.int32),
-        map_corners(surface.uv), across.astype(np.int32), jacobian.astype(np.float32),
-        surface.carries.astype(np.uint8),
+    corners = work.upload(map_corners(surface.uv))  # read eight numbers at a time
+    lent = (
+        nodes, length, pores.uv.astype(np.float32, copy=False),
+        pores.triangle.astype(np.int32, copy=False),
     )  # fmt: skip
-    middle = work.empty(len(nodes), np.int32)
+    of_mesh = (
+        across.astype(np.int32), jacobian.astype(np.float32), surface.carries.astype(np.uint8)
+    )  # fmt: skip
+    middle = work.readable(len(nodes), np.int32)
     work.run(
-        "trace", "trace_edges", len(nodes), *(work.upload(a) for a in arrays), LONGEST, DETOUR,
-        middle, report=lambda share: progress(share, "edges"),
+        "trace", "trace_edges", len(nodes), *(work.lend(a) for a in lent), corners,
+        *(work.lend(a) for a in of_mesh), LONGEST, DETOUR, middle,
+        report=lambda share: progress(share, "edges"),
     )  # fmt: skip
     found: NDArray[np.int32] = work.read(middle, (len(nodes),), np.int32)
     return found
@@ -208,10 +213,10 @@ def _blocks(
     """The pairs, found for a block of edges at a time."""
     typical = max(2.5 * float(length.mean()), 1e-9)
     cloud = DevicePoints.of(work, pores, typical, lattice)
-    members = work.upload(nodes)
+    members = work.lend(nodes)
     lists = Incidence.of(work, members, len(nodes), len(pores))
     shared = (
-        members, work.upload(length), lists.offsets, lists.pairs, lists.others, *cloud.points,
+        members, work.lend(length), lists.offsets, lists.pairs, lists.others, *cloud.points,
         float(cloud.lattice.unit), _SCALE, *cloud.grid.arguments,
     )  # fmt: skip
     for start in range(0, len(nodes), _BLOCK):
@@ -227,8 +232,10 @@ def _found(
     partners, partners_of = _launched(work, shared, start, count, room)
     most = int(partners_of.max())
     if most <= room:
-        edge = np.repeat(np.arange(start, start + count, dtype=np.int32), partners_of)
-        yield np.stack([edge, partners[np.arange(room) < partners_of[:, None]]], axis=-1)
+        some = np.flatnonzero(partners_of).astype(np.int32)  # few cross anything
+        edge = np.repeat(start + some, partners_of[some])
+        of = partners[some][np.arange(room) < partners_of[some, None]]
+        yield np.stack([edge, of], axis=-1)
         return
     step = max(_BLOCK * _PARTNERS // most, 1)
     for first in range(start, start + count, step):
@@ -239,7 +246,7 @@ def _launched(
     work: Workspace, shared: tuple[Any, ...], start: int, count: int, room: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """(count, room) the partners of each edge, and (count,) how many it has, which may be more."""
-    found, much = work.empty(count * room, np.int32), work.empty(count, np.int32)
+    found, much = work.readable(count * room, np.int32), work.readable(count, np.int32)
     work.run(
         "crossings", "find_crossings", count, start, *shared, found, much,
         defines={"CROSSINGS": room},

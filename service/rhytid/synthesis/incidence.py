@@ -36,11 +36,11 @@ class Incidence:
     def of(cls, work: Workspace, members: Buffer, pairs: int, things: int) -> Incidence:
         """The lists of so many things.  members (P, 2) int32: the two things of each pair."""
         entries = 2 * pairs
-        degree = work.full(things, np.int32(0))
+        degree = work.readable(things, np.int32, zero=True)
         work.run("incidence", "count_pairs", entries, members, degree)
         starts = starts_of(work.read(degree, (things,), np.int32))
         work.release(degree)
-        offsets, cursor = work.upload(starts), work.upload(starts)
+        offsets, cursor = work.lend(starts), work.upload(starts)
         listed, others = work.empty(entries, np.int32), work.empty(entries, np.int32)
         work.run("incidence", "list_pairs", entries, members, cursor, listed)
         work.run("incidence", "sort_pairs", things, offsets, members, listed, others)
@@ -69,7 +69,7 @@ def until_decided(
     uint8, on the device: KEPT or DROPPED for all that the kernel goes over. It takes O(log count)
     rounds where priorities are random.
     """
-    before, after = (work.full(states, np.uint8(WAITING)) for _ in range(2))
+    before, after = (work.readable(states, np.uint8, zero=True) for _ in range(2))  # WAITING
     while True:
         waiting = work.full(1, np.int32(0))
         work.run(program, kernel, count, *arguments, before, after, waiting)
@@ -90,8 +90,8 @@ def independent_set(
     "keep a thing unless an earlier kept one conflicts with it".
     """
     with work.nested() as nested:
-        lists = Incidence.of(nested, nested.upload(pairs), len(pairs), len(key))
-        state = chosen(nested, nested.upload(key), len(key), lists)
+        lists = Incidence.of(nested, nested.lend(pairs), len(pairs), len(key))
+        state = chosen(nested, nested.lend(key), len(key), lists)
         kept: NDArray[np.bool_] = nested.read(state, (len(key),), np.uint8) == KEPT
     return kept
 

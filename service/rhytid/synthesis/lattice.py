@@ -179,8 +179,8 @@ class DevicePoints:
     ) -> DevicePoints:
         """Upload points, in cells of side `cell`; on a lattice around them if none is given."""
         lattice = lattice or Lattice.around(points.position)
-        place = work.upload(lattice.places(points.position))
-        normal = work.upload(points.normal.astype(np.float32, copy=False))
+        place = work.lend(lattice.places(points.position))
+        normal = work.lend(points.normal.astype(np.float32, copy=False))
         grid = Grid.empty(work, lattice.steps(cell), len(points))
         grid.insert(work, place, 0, len(points))
         return cls(len(points), lattice, place, normal, grid)

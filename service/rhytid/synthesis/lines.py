@@ -356,12 +356,12 @@ def _paired_at(
     arrays = way, weight[wrinkles], normal, triangle, charts.to_uv, out
     nodes, things = _counted_from(first, number, nodes)
     with ground.work.nested() as work:
-        members = work.upload(nodes)
+        members = work.lend(nodes)
         lists = Incidence.of(work, members, count, things)
         partner, slope = work.full(2 * count, np.int32(-2)), work.full(2 * count, np.float32(0))
         work.run(
             "continuations", "pair_lines", number, lists.offsets, lists.pairs, members,
-            *(work.upload(a) for a in arrays), LEAST_COSINE, STEEPEST, partner, slope,
+            *(work.lend(a) for a in arrays), LEAST_COSINE, STEEPEST, partner, slope,
             defines=DEFINES,
         )  # fmt: skip
         return work.read(partner, (count, 2), np.int32), work.read(slope, (count, 2), np.float32)

@@ -187,9 +187,9 @@ class Darts:
         self._one_of = every // max(count, 1)
         work.release(*self._made.values())
         self._made = made = {
-            name: work.empty(count * n, kind) for name, (n, kind) in _OF_DARTS.items()
+            name: work.readable(count * n, kind) for name, (n, kind) in _OF_DARTS.items()
         }
-        listed = work.upload(chosen)
+        listed = work.lend(chosen)
         work.run(
             "darts", "throw_darts", count, *each, phases, listed, made["triangle"],
             made["place"], made["normal"], made["uv"], made["priority"], made["level"],
@@ -200,13 +200,13 @@ class Darts:
         else:
             factor, where = self._looked_up(count)
             work.release(made["triangle"])
-            made["factor"], made["triangle"] = work.upload(factor), work.upload(where)
+            made["factor"], made["triangle"] = work.lend(factor), work.lend(where)
         return Throw(count, every, **made)
 
     def _sifted(self, every: int, each: tuple[Any, ...], among: DartSelection) -> NDArray[np.int32]:
         """The darts of a throw that may have room among pores. Most have none whatever the spacing
         is where they lie, which takes longer to look up."""
-        found = self._work.empty(every, np.uint8)
+        found = self._work.readable(every, np.uint8)
         self._work.run(
             "darts", "sift_darts", -(-every // _TOGETHER), every, *each, self._least, *among.lists,
             found,

@@ -126,7 +126,7 @@ def lay_routes(
     line.  weight (L,): in [0, 1].
     """
     with work.nested() as nested:
-        laid = nested.full(paths.edges, np.int32(0))
+        laid = nested.readable(paths.edges, np.int32, zero=True)
         steps = nested.upload(np.rint(weight / _STEP).astype(np.int32))
         nested.run(
             "routes", "lay_routes", len(ends), _STEPS, nested.upload(hubs[ends]), steps,

@@ -116,9 +116,9 @@ def _within(
     """(K,) distances of pores `asked` (K,) to the nearest, infinity where it is farther than
     `cell`."""
     cloud = DevicePoints.of(work, pores, cell)
-    nearest2 = work.empty(len(asked), np.float32)
+    nearest2 = work.readable(len(asked), np.float32)
     work.run(
-        "nearest", "nearest_distance", len(asked), work.upload(asked), *cloud.points,
+        "nearest", "nearest_distance", len(asked), work.lend(asked), *cloud.points,
         *cloud.grid.arguments, float(cloud.lattice.unit / cell), nearest2, defines=DEFINES,
     )  # fmt: skip
     found = work.read(nearest2, (len(asked),), np.float32)

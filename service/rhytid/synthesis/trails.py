@@ -151,11 +151,11 @@ class Paths:
         along, left (N, 3): the frame of each pore.  anisotropy (N,): how far walkers keep to it.
         lattice: of the places of pores.  length: mean of edges on even skin.
         """
-        nodes = work.upload(edges.nodes)
+        nodes = work.lend(edges.nodes)
         ways = Incidence.of(work, nodes, len(edges), len(pores))
         work.release(nodes)
-        place = work.upload(lattice.places(pores.position))
-        frame = work.upload(along), work.upload(left)
+        place = work.lend(lattice.places(pores.position))
+        frame = work.lend(along), work.lend(left)
         direction = work.full(ways.entries + BEYOND, np.int32(0))
         arrival = work.empty(2 * ways.entries, np.int16)
         work.run(
@@ -168,9 +168,9 @@ class Paths:
         )  # fmt: skip
         work.release(*frame)
         return cls(
-            len(pores), len(edges), ways, direction, arrival, work.upload(edges.length),
-            length, work.upload(anisotropy), place, lattice.unit,
-            work.upload(place_keys(pores.uv)),
+            len(pores), len(edges), ways, direction, arrival, work.lend(edges.length),
+            length, work.lend(anisotropy), place, lattice.unit,
+            work.lend(place_keys(pores.uv)),
         )  # fmt: skip
 
 
@@ -206,7 +206,7 @@ class _Trails:
         walks: Walks,
         worn: NDArray[np.float32] | None,
     ) -> _Trails:
-        members = work.upload(crossings)
+        members = work.lend(crossings)
         found = Incidence.of(work, members, len(crossings), paths.edges)
         work.release(members, found.pairs)  # none of them is asked for
         none = np.float32(0.0)

@@ -54,6 +54,16 @@ class Workspace:
         """A buffer with the bytes of `array`."""
         return self._mine(self._step(self._device.upload, array))
 
+    def lend(self, array: NDArray[Any]) -> Buffer:
+        """As `upload`, but the memory of `array` itself where the device can use it. Kernels only
+        read it, and nobody writes to it until the buffer is released."""
+        return self._mine(self._step(self._device.lend, array))
+
+    def readable(self, count: int, dtype: DTypeLike, zero: bool = False) -> Buffer:
+        """As `empty`, for what is read at the end: no kernel may write to it after that.  zero:
+        whether values are 0 at first."""
+        return self._mine(self._step(self._device.readable, max(count, 1), dtype, zero))
+
     def empty(self, count: int, dtype: DTypeLike) -> Buffer:
         """A buffer for `count` values, not initialised."""
         return self._mine(self._step(self._device.empty, count, dtype))
