@@ -78,6 +78,18 @@ def test_maps_of_any_size_are_read_back(
     assert header["maximum"] == float(texels.astype(dtype).max())
 
 
+@pytest.mark.filterwarnings("ignore:overflow encountered in cast")
+@pytest.mark.parametrize("largest", [1e-7, 1.0, 65519.0, 65520.0, 1e30, np.inf, np.nan])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_half_floats_are_those_of_numpy_whatever_a_map_holds(largest: float, sign: int) -> None:
+    texels = RANDOM.normal(0.0, 3e-6, (64, 32)).astype(np.float32)
+    texels[40, 7] = sign * largest
+    data = written(texels, "float16", "none")
+
+    blocks = np.frombuffer(data[-64 * (8 + 32 * 2) :], np.uint8).reshape(64, -1)
+    assert blocks[:, 8:].tobytes() == texels.astype("<f2").tobytes()
+
+
 def test_what_zip_cannot_shrink_is_stored_as_it_is() -> None:
     noise = RANDOM.integers(0, 2**32, (16, 64), np.uint32) & 0xBFFFFFFF  # no NaN
     data = written(noise.view(np.float32))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rhytid.formats.tiles import OVERFLOW, half_floats
+from rhytid.formats.half_floats import OVERFLOW, half_floats
 
 
 def same(values: np.ndarray) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rhytid.formats.tiles import OVERFLOW
+from rhytid.formats.half_floats import OVERFLOW
 from rhytid.pipeline.levels import read_halves
 
 

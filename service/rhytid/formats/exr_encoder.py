@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from rhytid.errors import QueryError, StorageError
 from rhytid.formats.deflate import deflated
+from rhytid.formats.half_floats import OVERFLOW, half_floats
 from rhytid.support.cores import on_all_cores
 
 Texels = NDArray[np.float32] | NDArray[np.float16]
@@ -132,8 +133,7 @@ class _Blocks:
         def strip(start: int) -> tuple[list[bytes], float, float]:
             found = rows(start, min(start + step, height))
             ends = found.min(), found.max()
-            lines_of = _by_channel(found, channels)
-            stored = np.ascontiguousarray(lines_of, np.dtype(dtype).newbyteorder("<"))
+            stored = _stored(_by_channel(found, channels), dtype, ends)
             parts = range(0, len(stored), lines)
             blocks = [_block(stored[at : at + lines], compression) for at in parts]
             low, high = (float(np.asarray(end).astype(dtype)) for end in ends)
@@ -186,6 +186,16 @@ class _Whole:
         except (OSError, RuntimeError) as exc:
             raise StorageError(f"cannot write an EXR file: {exc}") from exc
         return [stream.getvalue()]
+
+
+def _stored(rows: Texels, dtype: str, ends: tuple[np.floating, np.floating]) -> Texels:
+    """Rows as they are in a file before compression.  ends: their least and greatest number."""
+    if dtype == "float16" and rows.dtype == np.float32:
+        low, high = map(float, ends)
+        if low > -OVERFLOW and high < OVERFLOW:  # not where one is not a number
+            return half_floats(rows.astype(np.float32, copy=False))
+    stored: Texels = np.ascontiguousarray(rows, np.dtype(dtype).newbyteorder("<"))
+    return stored
 
 
 def _block(rows: Texels, compression: str) -> bytes:
