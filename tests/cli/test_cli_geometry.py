@@ -13,7 +13,7 @@ from cli.running import usage_error, write_animation, write_neutral
 from meshes import SmallMesh
 from rhytid.cli import bake as cli_bake
 from rhytid.cli import main
-from rhytid.exports.displaced import sampled
+from rhytid.exports.displaced import Samples
 from rhytid.formats.exr import read_exr
 from rhytid.formats.meshes import read_mesh
 
@@ -61,7 +61,8 @@ def test_a_surface_is_moved_by_its_map(tmp_path: Path, small_mesh: SmallMesh, fo
         moved = np.linalg.norm(found.positions[: len(frame)] - frame, axis=1)
         # Away from the seam each vertex moves by what its one map has there.
         alone = np.setdiff1d(np.arange(len(frame)), 5 + 11 * np.arange(11))
-        wanted = np.abs(sampled(heights, uv[: len(frame)]))
+        vertices = np.arange(len(frame))
+        wanted = np.abs(Samples.of(uv[vertices], heights.shape, vertices).read(heights))
         assert moved[alone] == pytest.approx(wanted[alone], abs=2e-6)
         assert wanted.max() > 1e-3
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from meshes import SmallMesh, deform
+from rhytid.baking.map_sources import Geometry
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError, LimitError
-from rhytid.exports.displaced import Subdivided, levels_for, sampled
+from rhytid.exports.displaced import Samples, Subdivided, levels_for
 from rhytid.exports.meshes import flat_mesh
+from rhytid.exports.textures.frame_map import Padding
 
 
 def test_without_height_the_surface_stays(small_mesh: SmallMesh) -> None:
@@ -87,12 +92,32 @@ def test_vertices_on_the_border_of_udims_take_their_own_map() -> None:
     assert found.positions[:, 2] == pytest.approx(np.where(found.positions[:, 0] < 1.5, 1.0, 2.0))
 
 
+def sampled(heights: NDArray[np.float64], uv: NDArray[np.float64]) -> NDArray[np.float64]:
+    return Samples.of(uv, heights.shape, np.arange(len(uv))).read(heights)
+
+
 def test_samples_go_on_beyond_the_outermost_texels() -> None:
     heights = np.array([[1.0, 2.0], [3.0, 4.0]])
     uv = np.array([[0, 1], [1, 1], [0, 0], [1, 0], [0.5, 0.5], [0.25, 0.5]], np.float64)
 
     assert sampled(heights, uv) == pytest.approx([1, 2, 3, 4, 2.5, 2])
     assert sampled(np.array([[7.0]]), uv) == pytest.approx([7.0] * 6)
+
+
+def test_a_surface_reads_the_padding_of_a_map_without_a_padded_copy(
+    small_mesh: SmallMesh, tmp_path: Path
+) -> None:
+    random, side = np.random.default_rng(2), 16
+    padded = np.sort(random.choice(side**2, 120, replace=False)).astype(np.int32)
+    padding = Padding(padded, random.integers(0, side**2, 120, np.int32))
+    mesh, geometry = Mesh(*small_mesh), Geometry(Mesh(*small_mesh), "ply", 2)
+    for number in range(2):  # what is known of the first frame is used for the next
+        map = random.normal(0, 0.1, (side, side)).astype(np.float32)
+        wanted, found, bare = (tmp_path / f"{name}{number}" for name in ("whole", "part", "bare"))
+        Geometry(mesh, "ply", 2).write(wanted, mesh.positions, {1001: padding.padded(map)})
+        Geometry(mesh, "ply", 2).write(bare, mesh.positions, {1001: map})
+        geometry.write(found, mesh.positions, {1001: map}, {1001: padding})
+        assert found.read_bytes() == wanted.read_bytes() != bare.read_bytes()
 
 
 def test_a_curved_surface_is_that_of_a_sphere() -> None:

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
     from rhytid.engine.messages import TilePlan
 
-# Bytes of the displacement of a texel, and again in what a surface is made from.
+# Bytes of the displacement of a texel.
 _DISPLACEMENT = 4
 
 
@@ -249,7 +249,7 @@ class Baker:
     def _map_bytes(self, due: Sequence[_DueMap]) -> int:
         """Bytes of a map until its files, one after another, are written. Those that are copied
         may have to be drawn."""
-        working = max((one.profile.working_bytes for one in due), default=_DISPLACEMENT)
+        working = max((one.profile.working_bytes for one in due), default=0)
         return (_DISPLACEMENT + working) * int(self.asset.settings["resolution"]) ** 2
 
     def _plan(self, place: FramePlace, udim: int) -> TilePlan:
@@ -359,10 +359,11 @@ class Baker:
         """Write a displaced surface; on any thread."""
         assert self.geometry is not None
         file, key = one
-        maps = {udim: map.bordered() for udim, map in drawn.items()}
+        maps = {udim: map.heights() for udim, map in drawn.items()}
+        paddings = {udim: map.padding() for udim, map in drawn.items()}
         add = partial(frame.record.add, file, key, self.query.method)
         with self.watch.step("geometry"), before_naming(add):
-            self.geometry.write(file, frame.surface.positions, maps)
+            self.geometry.write(file, frame.surface.positions, maps, paddings)
         detail(f"wrote {file.name}")
         return 1
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -20,7 +21,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import MapAddress
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import AssetInfo, MapQuery
-from rhytid.exports.displaced import Subdivided
+from rhytid.exports.displaced import Samples, Subdivided
 from rhytid.exports.meshes import mesh_format
 from rhytid.exports.textures.frame_map import Chart, Facts, FrameMap, Padding, VertexField
 from rhytid.exports.textures.stretch import corner_weights, vertex_stretch
@@ -155,18 +156,38 @@ class Geometry:
     def __init__(self, mesh: Mesh, format: str, levels: int) -> None:
         self.format, self.words = format, f"{format} {levels} padded"
         self._cut = Subdivided.of(mesh, levels)
+        # By UDIM and shape of the map: the same in all frames.
+        self._samples: dict[tuple[int, tuple[int, ...]], Samples] = {}
 
     def write(
         self,
         file: Path,
         positions: NDArray[np.float32],
         maps: Mapping[int, Texels],
+        paddings: Mapping[int, Padding] = MappingProxyType({}),
         *,
         curved: bool = False,
     ) -> str:
         """Write the surface of a frame; the file appears when it is complete. Returns its SHA-256.
 
-        positions: (V, 3).  maps: displacement by UDIM.  curved: as `Subdivided.moved` has it."""
-        data = mesh_format(self.format).write(self._cut.moved(positions, maps, curved=curved))
+        positions: (V, 3).  maps: displacement by UDIM.  paddings: of these maps, unless they are
+        padded, the same in all frames.  curved: as `Subdivided.moved` has it. Safe from any thread.
+        """
+        samples = {
+            udim: self._samples_of(udim, map.shape, paddings.get(udim))
+            for udim, map in maps.items()
+        }
+        moved = self._cut.moved(positions, maps, curved=curved, samples=samples)
+        data = mesh_format(self.format).write(moved)
         with atomic_write(file) as aside:
             return write_hashed(aside, [data])
+
+    def _samples_of(self, udim: int, shape: tuple[int, ...], padding: Padding | None) -> Samples:
+        """Where a map is read: the few texels of a padding where they lie, not in a copy of it."""
+        found = self._samples.get((udim, shape))
+        if found is None:
+            found = self._cut.samples(udim, shape)
+            if padding is not None:
+                found = replace(found, texels=padding.sources_of(found.texels))
+            self._samples[udim, shape] = found
+        return found

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -25,6 +27,41 @@ _INWARDS = 1e-6
 # Share of the edges that a target is for: single long ones, as at the back of a head, may stay.
 # What is longer by no more than rounding is not cut once more.
 _EDGES, _ROUNDED = 0.95, 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Where a map (H, W) is read for some vertices: linear between the middles of four texels;
+    beyond the outermost middles its values go on.
+
+    vertices: (N,) their numbers.  texels: (4, N) numbers of texels, row by row: upper left, upper
+    right, lower left, lower right.  share: (2, N) how far each lies down and to the right of the
+    first one.
+    """
+
+    vertices: IntArray
+    texels: NDArray[np.int32]
+    share: FloatArray
+
+    @classmethod
+    def of(cls, uv: FloatArray, shape: tuple[int, ...], vertices: IntArray) -> Samples:
+        """uv: (N, 2) in the unit square of the map, whose row 0 is at the top."""
+        size = np.array(shape)
+        place = np.stack([1.0 - uv[:, 1], uv[:, 0]], axis=1) * size - 0.5
+        place = np.clip(place, 0.0, size - 1.0)
+        low = np.minimum(place.astype(np.int64), np.maximum(size - 2, 0))
+        down, right = np.minimum(1, size - 1).tolist()
+        (r, c), width = low.T, shape[1]
+        four = [(r + y) * width + c + x for y in (0, down) for x in (0, right)]
+        return cls(vertices, np.array(four, np.int32), (place - low).T)
+
+    def read(self, heights: NDArray[np.floating]) -> FloatArray:
+        """(N,) values of a map."""
+        a, b, c, d = heights.reshape(-1)[self.texels]
+        y, x = self.share
+        top, bottom = a * (1 - x) + b * x, c * (1 - x) + d * x
+        found: FloatArray = top * (1 - y) + bottom * y
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,17 +101,30 @@ class Subdivided:
         welded = _welded(mesh, flat, edges)
         return cls(mesh, flat, tuple(edges), faces, uv, _udims(uv, faces), welded)
 
+    def samples(self, udim: int, shape: tuple[int, ...]) -> Samples:
+        """Where the map of a UDIM, of a shape, is read."""
+        some = np.flatnonzero(self.udim == udim)
+        return Samples.of(self.uv[some] - udim_origin(udim), shape, some)
+
+    @cached_property
+    def _places(self) -> tuple[IntArray, IntArray]:
+        """Numbers of places of the vertices of the mesh, and the first vertex of each."""
+        place = welded(self.mesh)
+        return place, np.unique(place, return_index=True)[1]
+
     def moved(
         self,
         positions: NDArray[np.float32],
         maps: Mapping[int, NDArray[np.floating]],
         *,
         curved: bool = False,
+        samples: Mapping[int, Samples] = MappingProxyType({}),
     ) -> FlatMesh:
         """A frame with its displacement.
 
         positions (V, 3): of the mesh, less its centre.  maps: by UDIM, (H, W) heights in mesh
-        units, row 0 at the top; vertices of UDIMs without one stay.
+        units, row 0 at the top; vertices of UDIMs without one stay.  samples: by UDIM, where they
+        are read, where that is known from a frame before.
 
         Each vertex moves along the normal of the frame by the height that its map has there,
         interpolated between the nearest four texels. Vertices that a seam splits move by the mean
@@ -83,9 +133,9 @@ class Subdivided:
         """
         there, normals = self._undisplaced(positions, curved)
         heights = np.zeros(len(self.uv))
-        for udim, heights_of in maps.items():
-            some = np.flatnonzero(self.udim == udim)
-            heights[some] = sampled(heights_of, self.uv[some] - udim_origin(udim))
+        for udim, map in maps.items():
+            taken = samples.get(udim) or self.samples(udim, map.shape)
+            heights[taken.vertices] = taken.read(map)
         many = np.bincount(self.welded)
         heights = (np.bincount(self.welded, heights) / many)[self.welded]
         out = add_centre(there + heights[:, None] * normals, self.mesh.centre)
@@ -97,7 +147,7 @@ class Subdivided:
     ) -> tuple[FloatArray, FloatArray]:
         """(W', 3) all vertices of a frame without displacement, and (W', 3) unit normals there."""
         there = positions.astype(np.float64)[self.flat.source]
-        normals = _normals(positions, self.mesh)[self.flat.source]
+        normals = _normals(positions, self.mesh, *self._places)[self.flat.source]
         if curved:
             return _curved(there, normals, self.edges)
         return _spread(there, self.edges), unit(_spread(normals, self.edges))
@@ -112,23 +162,6 @@ def levels_for(mesh: Mesh, edge: float) -> int:
     lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     halvings = np.log2(np.quantile(lengths, _EDGES) / edge)
     return max(int(np.ceil(halvings - _ROUNDED)), 0) if np.isfinite(halvings) else 0
-
-
-def sampled(heights: NDArray[np.floating], uv: FloatArray) -> FloatArray:
-    """(N,) values of a map (H, W), row 0 at the top, at places (N, 2) in its unit square.
-
-    Linear between the middles of texels; beyond the outermost middles their values go on.
-    """
-    size = np.array(heights.shape)
-    place = np.stack([1.0 - uv[:, 1], uv[:, 0]], axis=1) * size - 0.5
-    place = np.clip(place, 0.0, size - 1.0)
-    low = np.minimum(place.astype(np.int64), np.maximum(size - 2, 0))
-    (r, c), (y, x) = low.T, (place - low).T
-    down, right = np.minimum(1, size - 1).tolist()
-    top = heights[r, c] * (1 - x) + heights[r, c + right] * x
-    bottom = heights[r + down, c] * (1 - x) + heights[r + down, c + right] * x
-    found: FloatArray = top * (1 - y) + bottom * y
-    return found
 
 
 def _cut(faces: IntArray, vertices: int) -> tuple[IntArray, IntArray]:
@@ -189,12 +222,15 @@ def _udims(uv: FloatArray, faces: IntArray) -> IntArray:
     return udims_at(place)
 
 
-def _normals(positions: NDArray[np.float32], mesh: Mesh) -> FloatArray:
-    """(V, 3) of a frame, by the angles of its triangles; over seams as within charts."""
+def _normals(
+    positions: NDArray[np.float32], mesh: Mesh, place: IntArray, first: IntArray
+) -> FloatArray:
+    """(V, 3) of a frame, by the angles of its triangles; over seams as within charts.
+
+    place: (V,) numbers of places.  first: a vertex of each.
+    """
     import trimesh
 
-    place = welded(mesh)
-    _, first = np.unique(place, return_index=True)
     tri: Any = trimesh.Trimesh(positions[first], place[mesh.faces], process=False, validate=False)
     normals: FloatArray = np.asarray(tri.vertex_normals, np.float64)[place]
     return normals

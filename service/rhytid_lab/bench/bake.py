@@ -222,9 +222,10 @@ class _Maker:
                 file = self.output.file(profile, map.header.udim, place)
                 profile.write(file, map, profile.all_facts(map))
         if self.geometry is not None:
-            bordered = {map.header.udim: map.bordered() for map in maps}
+            heights = {map.header.udim: map.heights() for map in maps}
+            paddings = {map.header.udim: map.padding() for map in maps}
             file = self.output.geometry_file(place, self.geometry.format)
-            self.geometry.write(file, positions, bordered)
+            self.geometry.write(file, positions, heights, paddings)
 
 
 def _bake(baker: Baker) -> Spent:

@@ -314,6 +314,18 @@ def test_displacement_is_padded_in_every_profile(name: str, tmp_path: Path) -> N
         np.testing.assert_allclose(heights[beyond], HEIGHTS[beyond], atol=2e-5)
 
 
+def test_some_texels_of_a_map_have_the_sources_that_all_have() -> None:
+    part, _ = third()
+    padding, every = part.padding(), np.arange(SIDE * SIDE, dtype=np.int32)
+    some = np.random.default_rng(1).permutation(every).reshape(4, -1)
+    padded = padding.padded(HEIGHTS).reshape(-1)
+
+    assert (padding.sources_of(every) != every).sum() == len(padding.texels) > 0
+    np.testing.assert_array_equal(HEIGHTS.reshape(-1)[padding.sources_of(some)], padded[some])
+    none = Padding(np.zeros(0, np.int32), np.zeros(0, np.int32))
+    np.testing.assert_array_equal(none.sources_of(some), some)
+
+
 def test_padding_is_found_in_parts_of_a_map(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same texels, whatever the number of texels that are searched at once."""
     mesh = grid_mesh(curved, 3)

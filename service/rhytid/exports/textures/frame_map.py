@@ -63,10 +63,6 @@ class FrameMap:
     lag: Facts
     slopes: Callable[[int], tuple[NDArray[np.float32], NDArray[np.float32]]]
 
-    def bordered(self) -> NDArray[np.float32]:
-        """The displacement; within the padding, texels have that of the nearest texel inside."""
-        return self.padding().padded(self.heights())
-
     def padded(self) -> NDArray[np.float32]:
         """The displacement; texels outside of the islands have that of the nearest texel inside."""
         return self.chart().padded(self.heights())
@@ -187,6 +183,14 @@ class Padding:
     def padded(self, heights: NDArray[np.float32]) -> NDArray[np.float32]:
         """A copy of a map (R, R) in which each of `texels` has the value of its source."""
         return self.rows(heights, 0, len(heights))
+
+    def sources_of(self, texels: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Of some texels those whose value they have in `padded`: themselves, or their sources."""
+        if not len(self.texels):
+            return texels
+        at = np.searchsorted(self.texels, texels).clip(0, len(self.texels) - 1)
+        found: NDArray[np.int32] = np.where(self.texels[at] == texels, self.sources[at], texels)
+        return found
 
     def rows(self, heights: NDArray[np.float32], start: int, stop: int) -> NDArray[np.float32]:
         """Rows `start` to `stop` of `padded(heights)`."""
