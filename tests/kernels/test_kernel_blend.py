@@ -41,7 +41,9 @@ __kernel void of_weights(__global const float4 *weights, __global const float *s
                          __global float4 *found)
 {
     int i = get_global_id(0);
-    found[i] = coefficient(i % LAYERS, weights[i].x, weights[i].y, weights[i].z, steps, unit);
+    standing_t at = {weights[i].x, weights[i].y, weights[i].z};
+    coefficients_t c = coefficients_at(i % LAYERS, at, steps, unit);
+    found[i] = (float4)(c.first.s0, c.second.s0, c.place.s0, c.rise.s0);
 }
 """
 WIDTH = 16

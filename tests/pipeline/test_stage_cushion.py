@@ -376,6 +376,23 @@ def test_a_blend_takes_the_stretch_of_owners(maps):
     assert np.abs(got - wanted).max() <= 2e-4
 
 
+@pytest.mark.parametrize("most", [0.3, 1.2])
+def test_a_blend_finds_the_samples_around_any_stretch(maps, most):
+    """most: largest r of an end, of that of the last sample. Owners of a vector differ."""
+    count, last = maps.elements().wrinkles, maps.samples[-1]
+    rng = np.random.default_rng(12)
+    ends = rng.uniform(-most * last, most * last, (count + 1, 2)).astype(np.float32)
+    blend = CushionBlend(maps.device, maps.settings, ShareRange.of(maps.graph))
+    out = blend.tiles([maps.maps], maps.device.upload(ends))
+    got = maps.device.read(out, (maps.maps.side**2,), np.float32) / DEPTH
+    owned = ends[maps.maps.read_owners(maps.device).ravel()].astype(np.float64)
+    own = owned[:, 0] + maps.codes(reference.SAMPLES) / CODES * (owned[:, 1] - owned[:, 0])
+    heights = np.stack([maps.heights(index) for index in range(reference.SAMPLES)])
+    wanted = reference.blended(heights, own, maps.samples, maps.depth_scale(own))
+    assert (np.abs(own) > 0.7 * last).any() == (most > 1.0)
+    assert np.abs(got - wanted).max() <= 2e-4
+
+
 def test_owners_of_lines_without_bends_answer_alike_from_end_to_end(device):
     made = MapScene(device, random_graph(8, 200, (0.004, 0.02)), shape=SWOLLEN)
     assert made.maps.read_owners(device).max() == made.elements().wrinkles  # of none

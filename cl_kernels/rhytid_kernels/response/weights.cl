@@ -7,6 +7,9 @@
 
 POWER_OF_TWO(power16, float16, int16)
 
+// Else PoCL calls them, copies what they take, and keeps vectors in memory around each call.
+#define IN_PLACE inline __attribute__((always_inline))
+
 // r of layer n in triangle t: one layer for each orientation bin, the last for the pores. Those from
 // ORIENTED on take the mean of both axes: the pores, and a single bin. directions: theta of each bin.
 // jacobians: NULL for angles in UV.
@@ -23,8 +26,8 @@ typedef struct {
 } triangles_t;
 
 // Triangles from `first` on, the last again where there are no more. axes: as in angles_in.
-inline triangles_t triangles_from(int first, int last, __global const float4 *axes,
-                                  __global const float2 *logs, __global const float4 *jacobians)
+IN_PLACE triangles_t triangles_from(int first, int last, __global const float4 *axes,
+                                    __global const float2 *logs, __global const float4 *jacobians)
 {
     float found[6][LANES];
     for (int lane = 0; lane < LANES; lane++) {
@@ -63,9 +66,9 @@ inline float16 log_stretches_in(triangles_t p, int first, int last, float2 theta
 
 // Where triangles stand in a layer.
 typedef struct {
-    float place[LANES]; // from 0 (full compression) to SAMPLES_OF - 1 (full stretch)
-    float depth[LANES]; // what the depth is scaled by
-    float rise[LANES];  // with TILT, as a line over the tilts
+    float16 place; // from 0 (full compression) to SAMPLES_OF - 1 (full stretch)
+    float16 depth; // what the depth is scaled by
+    float16 rise;  // with TILT, as a line over the tilts
 } standing_t;
 
 // Algorithm 3, lines 6 to 10, for layer n. The depth scale is 1, or for maps without theirs sigma_d of
@@ -74,16 +77,15 @@ typedef struct {
 // bin. It stays within 0 and SCALE_LIMIT.
 // directions: then also those TILT_NODE half bins before and after each. exponents: of the depth of
 // wrinkles and of pores, where 0 gives 1, and the limits of both depths.
-inline standing_t standing(int n, triangles_t p, int first, int last,
-                           __global const float4 *jacobians, __global const float2 *directions,
-                           float r_max, float4 exponents)
+IN_PLACE standing_t standing(int n, triangles_t p, int first, int last,
+                             __global const float4 *jacobians, __global const float2 *directions,
+                             float r_max, float4 exponents)
 {
     float16 r = n < ORIENTED ? log_stretches_in(p, first, last, directions[n], jacobians)
                              : 0.5f * (p.log1 + p.log2);
     const float2 depth_of = n < LAYERS - 1 ? exponents.xz : exponents.yw;
     const float log_of_limit = LOG2_OF(depth_of.y);
-    standing_t found;
-    vstore16((clamp(r / r_max, -1.0f, 1.0f) + 1.0f) * (0.5f * (SAMPLES_OF(n) - 1)), 0, found.place);
+    const float16 place = (clamp(r / r_max, -1.0f, 1.0f) + 1.0f) * (0.5f * (SAMPLES_OF(n) - 1));
     float16 depth, rise = 0.0f;
 #if TILT
     if (n < ORIENTED) {
@@ -99,23 +101,43 @@ inline standing_t standing(int n, triangles_t p, int first, int last,
     } else
 #endif
         depth = SCALE_BELOW(power16, r, -depth_of.x, depth_of.y, log_of_limit);
-    vstore16(depth, 0, found.depth);
-    vstore16(rise, 0, found.rise);
+    const standing_t found = {place, depth, rise};
     return found;
 }
 
-// What blend.cl multiplies by, from where a triangle stands in layer n: of the first and of the second of
-// the two samples around its place, in units of the merge for a code; where the first of them is, which
-// CODES_BEFORE takes; the rise.
-// steps: displacement of a code, LAYERS x MOST_SAMPLES. unit: of the merge, mesh units.
-inline float4 coefficient(int n, float place, float depth, float rise, __global const float *steps,
-                          float unit)
+// What blend.cl multiplies by: of the first and of the second of the two samples around the place of a
+// triangle, in units of the merge for a code; where the first of them is, which CODES_BEFORE takes; the rise.
+typedef struct {
+    float16 first, second, place, rise;
+} coefficients_t;
+
+// Of triangles, from where they stand in layer n. steps: displacement of a code, LAYERS x MOST_SAMPLES. unit:
+// of the merge, mesh units.
+IN_PLACE coefficients_t coefficients_at(int n, standing_t at, __global const float *steps, float unit)
 {
-    int sample = min((int)place, SAMPLES_OF(n) - 2);
-    float share = place - sample, scale = depth / unit;
-    __global const float *step = steps + n * MOST_SAMPLES + sample;
-    return (float4)(scale * (1.0f - share) * step[0], scale * share * step[1],
-                    PLACE_OF(sample * WIDTH), rise);
+    const int16 sample = min(convert_int16(at.place), SAMPLES_OF(n) - 2);
+    const float16 share = at.place - convert_float16(sample), scale = at.depth / unit;
+    float16 of_first = 0.0f, of_second = 0.0f;
+    steps += n * MOST_SAMPLES;
+    for (int m = 0; m < SAMPLES_OF(n) - 1; m++) {
+        of_first = select(of_first, (float16)(steps[m]), sample == m);
+        of_second = select(of_second, (float16)(steps[m + 1]), sample == m);
+    }
+    const coefficients_t found = {scale * (1.0f - share) * of_first, scale * share * of_second,
+                                  PLACE_OF(convert_float16(sample * WIDTH)), at.rise};
+    return found;
+}
+
+// Stores those of some lanes, each behind LAYERS of the one before.
+IN_PLACE void store_coefficients(coefficients_t c, int lanes, __global float4 *to)
+{
+    float first[LANES], second[LANES], place[LANES], rise[LANES];
+    vstore16(c.first, 0, first);
+    vstore16(c.second, 0, second);
+    vstore16(c.place, 0, place);
+    vstore16(c.rise, 0, rise);
+    for (int i = 0; i < lanes; i++)
+        to[i * LAYERS] = (float4)(first[i], second[i], place[i], rise[i]);
 }
 
 // The coefficients of every layer of LANES triangles a work-item, LAYERS per triangle, and the gains of
@@ -130,10 +152,8 @@ __kernel void coefficients(__global const int *groups, __global const float4 *ax
     const int first = first_in_group(groups), last = count - 1, lanes = min(LANES, count - first);
     const triangles_t p = triangles_from(first, last, axes, logs, jacobians);
     for (int n = 0; n < LAYERS; n++) {
-        standing_t s = standing(n, p, first, last, jacobians, directions, r_max, exponents);
-        for (int i = 0; i < lanes; i++)
-            found[(first + i) * LAYERS + n] =
-                coefficient(n, s.place[i], s.depth[i], s.rise[i], steps, unit);
+        const standing_t at = standing(n, p, first, last, jacobians, directions, r_max, exponents);
+        store_coefficients(coefficients_at(n, at, steps, unit), lanes, found + first * LAYERS + n);
     }
     if (gains) {
         float gain[LANES];
