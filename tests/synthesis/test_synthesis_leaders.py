@@ -423,7 +423,7 @@ def test_old_leaders_around_the_mouth_stay_narrow_where_it_folds(device: Device)
     assert 0.98 * every < width[1] / width[0] < 1.25 * every
 
 
-def test_the_pair_of_a_frown_deepens_more_with_age_than_others_and_gets_no_broader(
+def test_the_pair_of_a_frown_deepens_more_with_age_than_others_and_broadens_as_they_do(
     device: Device,
 ) -> None:
     """Broad ones were wax; as deep as others they were hardly seen at rest."""
@@ -443,7 +443,7 @@ def test_the_pair_of_a_frown_deepens_more_with_age_than_others_and_gets_no_broad
             assert np.count_nonzero(of) > 10
             width[i, j] = graph.edge_half_width[of].mean()
             depth[i, j] = graph.edge_weight[of].mean()
-    assert width[1, 0] / width[0, 0] < 0.85 * width[1, 1] / width[0, 1]
+    assert 0.85 < width[1, 0] / width[0, 0] * width[0, 1] / width[1, 1] < 1.1
     assert depth[1, 0] / depth[0, 0] > 1.2 * depth[1, 1] / depth[0, 1]
 
 

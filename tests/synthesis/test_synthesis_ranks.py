@@ -6,8 +6,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from rhytid.synthesis import ranks
+from rhytid.synthesis.leader_families import FROWN_LEFT, RINGS
 
 
 class Pores(SimpleNamespace):
@@ -56,3 +58,19 @@ def test_where_the_net_does_not_join_two_the_leader_goes_over_the_pore_beside() 
 def test_where_they_have_no_neighbour_in_common_it_is_broken() -> None:
     assert along([(0, 1), (2, 3), (1, 4), (2, 5)]) == {(0, 1): 0.5, (2, 3): 4.0}
     assert along([]) == {}
+
+
+@pytest.mark.parametrize(("worn", "power"), [(-1.2, 1.0), (0.0, 1.0), (0.5, 1.25), (1.0, 1.5)])
+def test_a_worn_pair_of_a_frown_is_uneven(worn: float, power: float) -> None:
+    """Where it fades or is shallow by chance it is the shallower the older skin is, and never
+    steps: it stays a power of what it is at 35."""
+    profile, one = np.linspace(0.05, 1.0, 20, dtype=np.float32), np.ones(20, np.float32)
+    family = np.where(np.arange(20) % 2, FROWN_LEFT.number, RINGS.number)
+    along = ranks._Along(
+        np.arange(20), 0.8 * profile, 0.8 * one, profile, family, np.zeros(20, np.int64)
+    )
+    _, found, width = ranks._sizes(along, one, one, 1.0, worn, one, 0.0 * one)
+    pair = family == FROWN_LEFT.number
+    np.testing.assert_allclose(found[pair], profile[pair] ** power, rtol=1e-5)
+    np.testing.assert_array_equal(found[~pair], profile[~pair])
+    assert (width == width[0]).all()

@@ -50,9 +50,11 @@ _DEEPEST = 0.5
 # their sides be steeper, broader. The same of the weight of others where skin folds one way. Below
 # 35 a factor of its own is taken to a negative power: leaders are fainter there, and what lies
 # between them is less quiet, but weaker for its age; their width is that of 35. Where lines are
-# uneven, as around the mouth, leaders stay as narrow as at 35: broad ones would be dells there. So
-# does the pair of a frown, which is broad at 35, and is seen at rest from 50 on: it deepens more.
-_OLD, _OLD_PAIR, _YOUNG, _OLD_BROAD = 1.9, 3.5, 2.4, 1.45
+# uneven, as around the mouth, leaders stay as narrow as at 35: broad ones would be dells there. The
+# pair of a frown is seen at rest from 50 on: it deepens more.
+_OLD, _OLD_PAIR, _YOUNG, _OLD_BROAD = 1.9, 4.1, 2.4, 1.45
+# Power of its profile at 65: as deep all along as others, and as narrow as at 35, it was a slit.
+_OLD_PAIR_UNEVEN = 1.5
 # What is uneven deepens most by its region, so that leaders there would be as deep as lines can be
 # from 50 on, and 65 would look like 50; and of others less is left at 65.
 _OLD_NARROW = 0.7
@@ -301,8 +303,9 @@ def _sizes(
     shown = np.maximum(along.profile, _TINY)
     middle = deepest.astype(np.float32) * min(rank, 1.0) * along.depth * own / shown
     risen, profile = _older(along.depth / shown, along.profile, leading, comes)
+    profile = profile ** (1.0 + pair * (_OLD_PAIR_UNEVEN - 1.0) * np.maximum(aged, 0.0))
     broad = min(rank, 1.0) * (_NARROW + (_BROAD - _NARROW) * along.size)
-    broader = np.where(pair, 0.0, np.maximum(aged * even, 0.0))
+    broader = np.where(pair, 1.0, even) * np.maximum(aged, 0.0)
     return np.clip(middle * risen, _TINY, 1.0), profile, WIDE * broad * own * _OLD_BROAD**broader
 
 
