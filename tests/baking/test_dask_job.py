@@ -98,4 +98,4 @@ def test_a_worker_that_draws_otherwise_refuses_the_job(tmp_path: Path) -> None:
 
 def test_errors_of_a_worker_do_not_say_that_nothing_was_done(tmp_path: Path) -> None:
     with pytest.raises(StrictError, match="1 warning, and files of other frames may be written"):
-        UnprintedWarnings("bake", True).replaces(tmp_path / "face.1001.0003.exr")
+        UnprintedWarnings("bake", True).replaces(tmp_path / "face.1001.0003.exr", True)
