@@ -7,21 +7,20 @@ kept for all frames, and the mesh of a displaced surface, are not counted.
 
 from __future__ import annotations
 
-import hashlib
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rhytid.baking.assets import finish
+from rhytid.baking.due_files import DueMap, FileKeys, FrameInWork
 from rhytid.baking.file_writers import FileWriters, all_written, release_after
 from rhytid.baking.frame_names import FramePlace
 from rhytid.baking.frames import FrameFiles
-from rhytid.baking.map_sources import FrameSurface, Geometry, MapSources, Texels, once
+from rhytid.baking.map_sources import Geometry, MapSources, Texels, once
 from rhytid.baking.output import BakeRecord, Origin, Output, mesh_facts
 from rhytid.baking.request import Lag
 from rhytid.baking.run_warnings import RunWarnings
@@ -31,7 +30,6 @@ from rhytid.domain.warnings import FILES_REPLACED, METHODS_MIXED
 from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import AssetInfo, MapQuery
 from rhytid.exports.textures.frame_map import Facts, FrameMap
-from rhytid.exports.textures.profiles import Profile
 from rhytid.exports.textures.writers import write_parts
 from rhytid.support.atomic_files import before_naming
 from rhytid.support.build_identity import drawing_version
@@ -178,11 +176,11 @@ class Baker:
 
     def _begun(
         self, record: BakeRecord, writers: FileWriters, place: FramePlace
-    ) -> tuple[_Frame, dict[int, TilePlan]]:
+    ) -> tuple[FrameInWork, dict[int, TilePlan]]:
         """Give a frame to the engine; the plans of its maps by UDIM."""
         with self.watch.step("stretch"):
             positions, _ = self._put(place)
-        frame = _Frame(place, self._sources.surface(place, positions), record, writers)
+        frame = FrameInWork(place, self._sources.surface(place, positions), record, writers)
         return frame, {udim: self._plan(place, udim) for udim in self.asset.udims}
 
     def _refuse_mixed(self, places: Sequence[FramePlace]) -> None:
@@ -211,20 +209,14 @@ class Baker:
         held = [p for p in places if there & self.output.names([p], self.asset.udims, format)]
         for place in counted(held, "checking", "frame"):
             frame, plans = self._begun(record, writers, place)
-            wanted = self._files(frame, _keys(plans))
+            wanted = self._files.of_frame(frame, _keys(plans))
             for one in others:
-                for file, keys in self._files(frame, self._keys_by(one, place)).items():
+                for file, keys in self._files.of_frame(frame, self._keys_by(one, place)).items():
                     wanted[file] |= keys
             for file, keys in wanted.items():
                 if file.exists() and not any(record.done(file, key) for key in keys):
                     self.warnings.replaces(file, record.knows(file))
             self.engine.frames.delete(self.asset.id, place.label)
-
-    def _files(self, frame: _Frame, keys: Mapping[int, str]) -> dict[Path, set[str]]:
-        """The files of a frame, and the key of each.  keys: of its maps, by UDIM."""
-        maps = [(f, key) for one in keys.items() for f, key, _ in self._map_files(frame, *one)]
-        surface = self._surface_file(frame, keys)
-        return {file: {key} for file, key in [*maps, *([surface] if surface else [])]}
 
     def _keys_by(self, drawn_by: str, place: FramePlace) -> dict[int, str]:
         """The keys of the maps of a frame where another device draws them."""
@@ -239,6 +231,10 @@ class Baker:
         return MapSources(self.engine, self.asset, self.mesh, self.frames, self.lag)
 
     @property
+    def _files(self) -> FileKeys:
+        return FileKeys(self.output, self.geometry)
+
+    @property
     def _origin(self) -> Origin:
         return Origin(self.engine.tiles.drawn_by, self.query.method)
 
@@ -246,7 +242,7 @@ class Baker:
     def _mesh_facts(self) -> Callable[[], Facts]:
         return once(partial(mesh_facts, self.mesh))
 
-    def _map_bytes(self, due: Sequence[_DueMap]) -> int:
+    def _map_bytes(self, due: Sequence[DueMap]) -> int:
         """Bytes of a map until its files, one after another, are written. Those that are copied
         may have to be drawn."""
         working = max((one.profile.working_bytes for one in due), default=0)
@@ -259,39 +255,22 @@ class Baker:
         with self.watch.step(self.query.method):
             return plan.draw()
 
-    def _due_maps(self, frame: _Frame, plan: TilePlan) -> list[_DueMap]:
+    def _due_maps(self, frame: FrameInWork, plan: TilePlan) -> list[DueMap]:
         """The files of one map that are not done."""
         return [
-            _DueMap(file, key, profile, frame.source(profile, file, key))
-            for file, key, profile in self._map_files(frame, plan.header.udim, plan.key)
+            DueMap(file, key, profile, frame.source(profile, file, key))
+            for file, key, profile in self._files.of_map(frame, plan.header.udim, plan.key)
             if not self._is_done(frame, file, key)
         ]
 
-    def _map_files(self, frame: _Frame, udim: int, key: str) -> Iterator[tuple[Path, str, Profile]]:
-        """The files of one map, and the keys of their contents.  key: of the map."""
-        for profile in self.output.profiles:
-            file = self.output.file(profile, udim, frame.place)
-            # A map of the neutral is the same in all frames, what is made of positions is not.
-            digest = frame.surface.digest() if profile.posed else ""
-            digest += frame.surface.history() if profile.lagging else ""
-            yield file, f"{key}-{profile.key}{digest}", profile
-
-    def _due_surface(self, frame: _Frame, plans: Mapping[int, TilePlan]) -> tuple[Path, str] | None:
+    def _due_surface(
+        self, frame: FrameInWork, plans: Mapping[int, TilePlan]
+    ) -> tuple[Path, str] | None:
         """The file of the surface of a frame, and its key, unless it is done."""
-        one = self._surface_file(frame, _keys(plans))
+        one = self._files.of_surface(frame, _keys(plans))
         return None if one is None or self._is_done(frame, *one) else one
 
-    def _surface_file(self, frame: _Frame, keys: Mapping[int, str]) -> tuple[Path, str] | None:
-        """The file of the surface that the maps of a frame displace, and the key of its contents;
-        None where surfaces are not asked for.  keys: of the maps, by UDIM."""
-        if self.geometry is None:
-            return None
-        file = self.output.geometry_file(frame.place, self.geometry.format)
-        words = [frame.surface.digest(), *keys.values(), self.geometry.words]
-        key = hashlib.sha256("\n".join(words).encode()).hexdigest()
-        return file, key
-
-    def _is_done(self, frame: _Frame, file: Path, key: str) -> bool:
+    def _is_done(self, frame: FrameInWork, file: Path, key: str) -> bool:
         done = frame.record.done(file, key)
         if done:
             detail(f"{file.name} is already there")
@@ -303,7 +282,7 @@ class Baker:
         return done
 
     def _begin(
-        self, frame: _Frame, map: FrameMap, due: Sequence[_DueMap], held: Hold | None
+        self, frame: FrameInWork, map: FrameMap, due: Sequence[DueMap], held: Hold | None
     ) -> Future[int]:
         """Draw a map, unless its files are copies, and have them written.  held: bytes of the
         frame; None to hold those of this map."""
@@ -320,7 +299,7 @@ class Baker:
         frame.writers.note({one.key: one.file for one in due}, future)
         return future
 
-    def _write_maps(self, frame: _Frame, map: FrameMap, due: Sequence[_DueMap]) -> int:
+    def _write_maps(self, frame: FrameInWork, map: FrameMap, due: Sequence[DueMap]) -> int:
         """Write the files of a map; on any thread."""
         for one in due:
             frame.writers.check()
@@ -334,7 +313,7 @@ class Baker:
             detail(f"wrote {one.file.name}")
         return len(due)
 
-    def _copied(self, frame: _Frame, one: _DueMap) -> bool:
+    def _copied(self, frame: FrameInWork, one: DueMap) -> bool:
         """Write a file as a copy of one with the same key, with the name of its own frame;
         whether that was possible. The bytes that are copied have the hash that the record has of
         them. Raises what the writing of the other one did."""
@@ -354,7 +333,7 @@ class Baker:
         return True
 
     def _write_surface(
-        self, frame: _Frame, one: tuple[Path, str], drawn: Mapping[int, FrameMap]
+        self, frame: FrameInWork, one: tuple[Path, str], drawn: Mapping[int, FrameMap]
     ) -> int:
         """Write a displaced surface; on any thread."""
         assert self.geometry is not None
@@ -383,46 +362,3 @@ class Baker:
 
 def _keys(plans: Mapping[int, TilePlan]) -> dict[int, str]:
     return {udim: plan.key for udim, plan in plans.items()}
-
-
-# A file with the same contents, and its writing where that may not have ended.
-Source = tuple[Path, "Future[int] | None"]
-
-
-@dataclass(frozen=True)
-class _DueMap:
-    """A file of a map that is to be written.
-
-    key: of its contents.  source: a file that is copied in place of drawing, unless it is lost
-    before that.
-    """
-
-    file: Path
-    key: str
-    profile: Profile
-    source: Source | None
-
-
-@dataclass(frozen=True)
-class _Frame:
-    """A frame whose files are written."""
-
-    place: FramePlace
-    surface: FrameSurface
-    record: BakeRecord
-    writers: FileWriters
-
-    def source(self, profile: Profile, due: Path, key: str) -> Source | None:
-        """What the file `due` may be copied from: a file that is being written, or that is there as
-        it was written."""
-        if profile.renamed is None:
-            return None
-        if (under_way := self.writers.under_way.get(key)) is not None:
-            return under_way
-        file = self.record.file_of(key)
-        if file is None or file == due:
-            return None
-        with suppress(OSError):
-            if self.record.done(file, key):
-                return file, None
-        return None
