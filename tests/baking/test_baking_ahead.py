@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
+from baking.bakers import SQUARE, bake, baker, maps
 from baking.fake_engine import FakeEngine
-from baking.test_baking_resume import SQUARE, bake, baker, maps
 from exports.textures.reading import read_texture
 from rhytid.baking import file_writers
 from rhytid.baking.baker import Baker

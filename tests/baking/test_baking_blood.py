@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from baking.bakers import SQUARE, bake
 from baking.fake_engine import FakeEngine
-from baking.test_baking_resume import SQUARE, bake
 from exports.textures.reading import read_texture
 from reference.hencky import late
 from rhytid.baking.blood import REACH, BloodFlow

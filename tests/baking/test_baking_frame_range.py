@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from baking.bakers import bake, baker, maps
 from baking.fake_engine import FakeEngine
-from baking.test_baking_resume import bake, baker, maps
 from rhytid.baking.frame_names import FramePlace, FrameRange, frame_numbers
 from rhytid.baking.output import Output
 from rhytid.errors import InputError

@@ -93,6 +93,11 @@ def test_files_are_those_of_one_bake(
     assert maps(out) == maps(shot / "one")
     assert "warning" not in capsys.readouterr().err
 
+    assert main([*given(shot, cluster, out), "--chunk", "3", "--method", "neutral"]) == 0
+    assert "mixed" not in capsys.readouterr().err
+    left = [name for name in names(out) if name.startswith("shot.bake.")]
+    assert left == ["shot.bake.1-3.json", "shot.bake.4-6.json"], "all were baked anew"
+
 
 @pytest.mark.slow
 def test_a_strict_bake_that_would_replace_a_file_begins_no_chunk(

@@ -41,6 +41,14 @@ class Origin(NamedTuple):
         return all(theirs in ("", own) for own, theirs in zip(self, other, strict=True))
 
 
+class Record(NamedTuple):
+    """What a file of a record had at a time.  changed: when it was last written.  maps: its entries
+    by the names of maps."""
+
+    changed: int
+    maps: dict[str, dict[str, str]]
+
+
 @dataclass(frozen=True)
 class Output:
     """The files of a bake, in one folder.
@@ -109,6 +117,23 @@ class Output:
         """As `origins`, where this part has drawn nothing."""
         marks = [*self.folder.glob(f"{glob.escape(self.name)}.device.*.json")]
         return self.recorded() if len(marks) > 1 else set()
+
+    def records(self) -> dict[Path, Record]:
+        """The records of all parts as they are now, by their files."""
+        files = self.folder.glob(f"{glob.escape(self.name)}.bake*.json")
+        return {file: Record(_last_change(file), _load(file)) for file in files}
+
+    def drop_replaced(self, before: Mapping[Path, Record], parts: Iterable[FrameRange]) -> None:
+        """Remove the records of others all of whose maps these parts have written anew, but not
+        one that its own bake has changed meanwhile.  before: `records` before the parts wrote."""
+        own = {self.folder / f"{self.name}.bake.{part.file_text()}.json" for part in parts}
+        was = {k: v for file in own & before.keys() for k, v in before[file].maps.items()}
+        now = {k: v for file in own for k, v in _load(file).items()}
+        anew = {name for name, entry in now.items() if entry != was.get(name)}
+        for file in before.keys() - own:
+            changed, maps = before[file]
+            if maps and maps.keys() <= anew and _last_change(file) == changed:
+                file.unlink(missing_ok=True)
 
     def recorded(self) -> set[Origin]:
         """What drew the maps of all parts, and how, by their records."""
@@ -247,6 +272,8 @@ class BakeRecord:
         self._maps = _load(path)
         self._others = {other: _last_change(other) for other in others if other != path}
         self._found = [self._maps, *map(_load, self._others)]
+        # Of each entry: to make those of a film of many thousand maps anew for each takes long.
+        self._texts = {name: _entry_text(name, entry) for name, entry in self._maps.items()}
         self._added: set[str] = set()
         self._names = {entry["key"]: name for maps in self._found for name, entry in maps.items()}
         self._lock = threading.Lock()
@@ -290,12 +317,13 @@ class BakeRecord:
         """
         with self._lock:
             by = Origin(self._drawn_by, method)._asdict()
-            self._maps[file.name] = {"key": key, "sha256": digest, **by}
+            entry = self._maps[file.name] = {"key": key, "sha256": digest, **by}
+            self._texts[file.name] = _entry_text(file.name, entry)
             self._names[key] = file.name
             self._added.add(file.name)
-            text = json.dumps({"maps": self._maps}, indent=1, sort_keys=True)
+            texts = ",\n".join(self._texts[name] for name in sorted(self._texts))
             with atomic_write(self._path) as aside:
-                write_file(aside, f"{text}\n".encode())
+                write_file(aside, f'{{\n "maps": {{\n{texts}\n }}\n}}\n'.encode())
 
     def drop_replaced(self) -> None:
         """Remove the records of other parts all of whose maps this bake has written anew, but not
@@ -325,6 +353,12 @@ Identity = tuple[int, int, int, int]
 def _identity(file: Path) -> Identity:
     found = file.stat()
     return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def _entry_text(name: str, entry: Mapping[str, str]) -> str:
+    """An entry as it is in a record: JSON with an indent of 1, its keys in order."""
+    lines = json.dumps({name: entry}, indent=1, sort_keys=True).split("\n")
+    return "\n".join(f" {line}" for line in lines[1:-1])
 
 
 def _last_change(record: Path) -> int:

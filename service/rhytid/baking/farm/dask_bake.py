@@ -70,12 +70,14 @@ class DaskBake:
         """Bake every frame. Raises what `Baker.run` does, with the address of the worker where that
         is the cause, and FarmError where the cluster does not work."""
         self._baker.refuse_replaced()
+        before = self._baker.output.records()
         try:
             self._on_cluster()
         except BaseException:
             if self._chunks:  # one that fails does not say what it has written
                 self._tell_origins()
             raise
+        self._baker.output.drop_replaced(before, self._chunks)
         self._tell_origins()
         self._baker.warnings.refuse()
 
