@@ -1,7 +1,7 @@
 // Scales at the two ends of wrinkles that bend, from r of every wrinkle: at an end that another wrinkle
 // continues r goes from its own towards the mean of both, so that a line has no step there. With SHARED
 // wrinkles have shares of the shortening of skin.
-#include "groups.clh"
+#include "lanes.clh"
 #include "response.clh"
 #ifdef SHARED
 #include "shares.clh"
@@ -18,9 +18,52 @@ inline float2 at_ends(__global const float *r, int i, int2 partner, float share)
     return select(own + 0.5f * share * (others - own), own, partner < 0);
 }
 
+#define IN_PLACE inline __attribute__((always_inline))
+// Of a lane of a group, as lanes.clh takes them: r of its partners, or its own where it has none, which leaves
+// an end at its own; half widths and weights; shares.
+#define PARTNER(partner, lane) ((partner) < 0 ? first + AT(lane) : (partner))
+#define OTHERS(lane)                                                                               \
+    ((float2)(r[PARTNER(partners[AT(lane)].x, lane)], r[PARTNER(partners[AT(lane)].y, lane)]))
+#define OWN(lane) r[first + AT(lane)]
+#define SIZES(lane) sizes[first + AT(lane)]
+#define SHARES(lane) shares[first + AT(lane)]
+
+// at_ends of a group. partners: from its first on.
+IN_PLACE pairs_t group_ends(__global const float *r, __global const int2 *partners, float share, int first,
+                            int last)
+{
+    const float16 own = SINGLES(OWN);
+    pairs_t ends = {own, own};
+    if (partners) {
+        const pairs_t others = PAIRS(OTHERS);
+        ends.x = own + 0.5f * share * (others.x - own);
+        ends.y = own + 0.5f * share * (others.y - own);
+    }
+    return ends;
+}
+
+// The scales of a group. last: its last lane, which may be known to the compiler. sizes: half widths, then
+// weights at both ends; shares: likewise; only with SHARED.
+IN_PLACE void respond_group(int first, int last, pairs_t r, float width_exponent, float depth_exponent,
+                            __global const float4 *sizes, __global const float2 *shares,
+                            __global float4 *scales)
+{
+    quads_t found = {SCALE(power16, r.x, width_exponent, SCALE_LIMIT),
+                     SCALE(power16, r.y, width_exponent, SCALE_LIMIT),
+                     SCALE(power16, r.x, -depth_exponent, SCALE_LIMIT),
+                     SCALE(power16, r.y, -depth_exponent, SCALE_LIMIT)};
+#ifdef SHARED
+    const quads_t size = QUADS(SIZES);
+    const pairs_t own = PAIRS(SHARES);
+    found.z = min(found.z * SHARED_DEPTH(r.x, depth_exponent, own.x), MOST_SHARED(size.z));
+    found.w = min(found.w * SHARED_DEPTH(r.y, depth_exponent, own.y), MOST_SHARED(size.w));
+#endif
+    store_quads(found, last, (__global float *)(scales + first));
+}
+
 // A work-item takes a group of wrinkles. groups: as in first_in_group. partners: of each at its start
-// and at its end, or NULL. share: of the way to the mean, 0 to 1. sizes: half widths, then weights at
-// both ends; shares: likewise. scales: (sigma_w at the start, at the end, sigma_d likewise).
+// and at its end, or NULL. share: of the way to the mean, 0 to 1. sizes, shares: as in respond_group. scales:
+// (sigma_w at the start, at the end, sigma_d likewise).
 __kernel void respond_ends(__global const int *groups, __global const float *r,
                            __global const int2 *partners, int count, float share,
                            float width_exponent, float depth_exponent,
@@ -29,40 +72,21 @@ __kernel void respond_ends(__global const int *groups, __global const float *r,
 #endif
                            __global float4 *scales)
 {
-    int first = first_in_group(groups);
-    float start[LANES], end[LANES], found[4][LANES];
-#ifdef SHARED
-    float share_at_start[LANES], share_at_end[LANES], most_at_start[LANES], most_at_end[LANES];
+#ifndef SHARED
+    __global const float4 *sizes = 0;
+    __global const float2 *shares = 0;
 #endif
-    for (int lane = 0; lane < LANES; lane++) {
-        int i = min(first + lane, count - 1);
-        int2 partner = partners ? partners[i] : (int2)(-1);
-        float2 ends = at_ends(r, i, partner, share);
-        start[lane] = ends.x;
-        end[lane] = ends.y;
-#ifdef SHARED
-        share_at_start[lane] = shares[i].x;
-        share_at_end[lane] = shares[i].y;
-        most_at_start[lane] = MOST_SHARED(sizes[i].z);
-        most_at_end[lane] = MOST_SHARED(sizes[i].w);
-#endif
-    }
-    float16 at_start = vload16(0, start), at_stop = vload16(0, end);
-    vstore16(SCALE(power16, at_start, width_exponent, SCALE_LIMIT), 0, found[0]);
-    vstore16(SCALE(power16, at_stop, width_exponent, SCALE_LIMIT), 0, found[1]);
-    float16 depth_at_start = SCALE(power16, at_start, -depth_exponent, SCALE_LIMIT);
-    float16 depth_at_stop = SCALE(power16, at_stop, -depth_exponent, SCALE_LIMIT);
-#ifdef SHARED
-    depth_at_start *= SHARED_DEPTH(at_start, depth_exponent, vload16(0, share_at_start));
-    depth_at_stop *= SHARED_DEPTH(at_stop, depth_exponent, vload16(0, share_at_end));
-    depth_at_start = min(depth_at_start, vload16(0, most_at_start));
-    depth_at_stop = min(depth_at_stop, vload16(0, most_at_end));
-#endif
-    vstore16(depth_at_start, 0, found[2]);
-    vstore16(depth_at_stop, 0, found[3]);
-    for (int lane = 0; lane < min(LANES, count - first); lane++)
-        scales[first + lane] =
-            (float4)(found[0][lane], found[1][lane], found[2][lane], found[3][lane]);
+    const int first = first_in_group(groups), last = count - 1 - first;
+    if (last < 0)
+        return;
+    if (partners)
+        partners += first;
+    if (last < LANES - 1)
+        respond_group(first, last, group_ends(r, partners, share, first, last), width_exponent,
+                      depth_exponent, sizes, shares, scales);
+    else // no lane looks whether it is beyond the end
+        respond_group(first, LANES - 1, group_ends(r, partners, share, first, LANES - 1),
+                      width_exponent, depth_exponent, sizes, shares, scales);
 }
 
 // r at both ends, (start, end), of `count` wrinkles, and behind them that of none: 0. partners, share: as
