@@ -28,8 +28,10 @@ def blocks(text: str, language: str) -> list[str]:
 
 
 def shell_lines(text: str) -> list[str]:
-    """The lines of the `sh` blocks; empty ones and comments left out."""
-    lines = [line.strip() for block in blocks(text, "sh") for line in block.splitlines()]
+    """The lines of the `sh` blocks, of which one that ends with a backslash goes on in the next;
+    empty ones and comments left out."""
+    whole = (block.replace("\\\n", " ") for block in blocks(text, "sh"))
+    lines = [line.strip() for block in whole for line in block.splitlines()]
     return [line for line in lines if line and not line.startswith("#")]
 
 

@@ -45,6 +45,11 @@ def test_commands_come_from_code_alone() -> None:
     ]
 
 
+def test_a_command_goes_on_in_the_next_line() -> None:
+    found = commands("```sh\nrhytid demo --out d \\\n    --json\nrhytid devices\n```\n")
+    assert found == [Command("demo", ("--out", "--json")), Command("devices", ())]
+
+
 def test_a_table_is_found_by_its_heading() -> None:
     rows = table(TEXT, "Settings")
 
