@@ -83,7 +83,7 @@ __kernel void respond_wrinkles(__global const int *groups, __global const float4
     const float16 cosine1 = (x1 + y1) * per_length, cosine2 = (x2 + y2) * per_length;
     const float16 r = ACROSS(cosine1, cosine2, of.x, of.y);
 #if BENT
-    store_lanes(&r, 1, last, found + first);
+    store_singles(r, last, found + first);
 #else
     store_scales(r, width_exponent, depth_exponent, SCALE_LIMIT, last, found + first);
 #endif
