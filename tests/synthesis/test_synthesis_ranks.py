@@ -1,4 +1,4 @@
-"""The edges along leaders."""
+"""The edges along leaders, and their sizes."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 
 from rhytid.synthesis import ranks
 from rhytid.synthesis.leader_families import FROWN_LEFT, RINGS
+from rhytid.synthesis.leaders import LeaderEdges, _edges_between, edges_along
 
 
 class Pores(SimpleNamespace):
@@ -30,7 +31,7 @@ def along(edges: list[tuple[int, int]]) -> dict[tuple[int, int], float]:
     leaders: Any = SimpleNamespace(
         line=np.zeros(4, int), depth=depth, width=depth, profile=depth, family=np.zeros(4, int)
     )
-    found = ranks._edges_along(net, leaders)
+    found = edges_along(net, leaders)
     nodes = map(tuple, net.edges.nodes[found.edge].tolist())
     return dict(zip(nodes, found.depth.tolist(), strict=True))
 
@@ -45,7 +46,7 @@ def test_every_edge_of_a_pore_is_found_by_its_other_end() -> None:
     pairs = [(i, j) for i in range(12) for j in range(i + 1, 12)]
     joined = sorted(pairs[k] for k in rng.choice(len(pairs), 40, replace=False))
     net: Any = SimpleNamespace(edges=SimpleNamespace(nodes=np.array(joined, np.int32)))
-    found = ranks._edges_between(net, np.array(pairs, np.int32)).tolist()
+    found = _edges_between(net, np.array(pairs, np.int32)).tolist()
     assert found == [joined.index(pair) if pair in joined else -1 for pair in pairs]
 
 
@@ -66,7 +67,7 @@ def test_a_worn_pair_of_a_frown_is_uneven(worn: float, power: float) -> None:
     steps: it stays a power of what it is at 35."""
     profile, one = np.linspace(0.05, 1.0, 20, dtype=np.float32), np.ones(20, np.float32)
     family = np.where(np.arange(20) % 2, FROWN_LEFT.number, RINGS.number)
-    along = ranks._Along(
+    along = LeaderEdges(
         np.arange(20), 0.8 * profile, 0.8 * one, profile, family, np.zeros(20, np.int64)
     )
     _, found, width = ranks._sizes(along, one, one, 1.0, worn, one, 0.0 * one)

@@ -11,10 +11,10 @@ from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.expressions import ENOUGH, Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.synthesis import ranks
+from rhytid.synthesis import ranks, strands
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.lines import Lines
-from rhytid.synthesis.ranks import unevenness
+from rhytid.synthesis.strands import unevenness
 from rhytid.synthesis.surface import Points
 from synthesis.test_synthesis_leaders import MESH, folds
 
@@ -32,7 +32,7 @@ def grown(device: Device, mesh: Mesh = MESH, **more: object) -> WrinkleGraph:
 def skins(device: Device) -> tuple[WrinkleGraph, WrinkleGraph]:
     """Uneven skin, which folds right of the middle, and the same without chance."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ranks, "UNEVEN", 0.0)
+        patch.setattr(strands, "UNEVEN", 0.0)
         even = grown(device)
     return grown(device), even
 
@@ -55,7 +55,7 @@ def test_strands_differ_where_skin_folds_and_nowhere_else(
     assert squares[0] / squares[1] == pytest.approx(0.55, abs=0.12)
     wider = uneven.edge_half_width / even.edge_half_width
     lines &= uneven.edge_weight < 1.0
-    np.testing.assert_allclose(wider[lines], ratio[lines] ** ranks.UNEVEN_WIDTH, rtol=1e-4)
+    np.testing.assert_allclose(wider[lines], ratio[lines] ** strands.UNEVEN_WIDTH, rtol=1e-4)
 
 
 def test_a_strand_is_alike_for_some_spacings_and_others_beside_it_are_not(
@@ -91,7 +91,7 @@ def test_a_strand_goes_on_over_a_seam_and_both_halves_are_alike() -> None:
     factor, width = unevenness(pores, lines, partners, np.ones(5, np.float32), 1)
     np.testing.assert_allclose(factor, factor[0], rtol=1e-5)
     assert abs(np.log(factor[0])) > 0.01
-    np.testing.assert_allclose(width, factor**ranks.UNEVEN_WIDTH, rtol=1e-5)
+    np.testing.assert_allclose(width, factor**strands.UNEVEN_WIDTH, rtol=1e-5)
     # Below 0 for none: -1, and -2 of a line that ends alone.
     apart, alone = (
         unevenness(pores, lines, np.full((5, 2), none, np.int32), np.ones(5, np.float32), 1)[0]
@@ -102,13 +102,30 @@ def test_a_strand_goes_on_over_a_seam_and_both_halves_are_alike() -> None:
     assert apart[4] == apart[1]
 
 
+def test_many_lines_on_several_threads_are_as_on_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    count, rng = 150_000, np.random.default_rng(3)
+    pores = Points(*(np.zeros((count + 1, n), t) for n, t in KINDS))
+    pores.uv[:] = rng.random(pores.uv.shape)
+    row = np.arange(count, dtype=np.int32)
+    joined, rest = np.stack([row, row + 1], axis=1), [np.empty(0)] * 4
+    lines = Lines(row, joined, joined, np.empty(0), np.empty(0), np.full(count, -1), *rest)
+    partners = np.stack([row - 1, np.append(row[1:], -1)], axis=1).astype(np.int32)
+    amount = np.where(rng.random(count) < 0.9, rng.random(count), 0.0).astype(np.float32)
+    found = unevenness(pores, lines, partners, amount, 1)
+    monkeypatch.setattr(strands, "over_rows", lambda rows, task: task(slice(0, rows)))
+    for many, one in zip(found, unevenness(pores, lines, partners, amount, 1), strict=True):
+        np.testing.assert_array_equal(many, one)
+        assert (many[amount == 0] == 1.0).all()
+    assert np.log(found[0][amount > 0]).std() > 0.1
+
+
 @pytest.mark.parametrize(("name", "value"), [("rank", 0.0), ("region", "cheek")])
 def test_without_ranks_and_in_other_regions_nothing_differs(
     device: Device, monkeypatch: pytest.MonkeyPatch, name: str, value: object
 ) -> None:
     settings = {"wrinkles": 3000, name: value}
     one = grown(device, **settings)
-    monkeypatch.setattr(ranks, "UNEVEN", 0.0)
+    monkeypatch.setattr(strands, "UNEVEN", 0.0)
     np.testing.assert_array_equal(one.edge_weight, grown(device, **settings).edge_weight)
 
 

@@ -20,11 +20,12 @@ from rhytid.synthesis.lines import Lines, ends_of, joins_of
 from rhytid.synthesis.perioral import perioral_lines
 from rhytid.synthesis.pore_density import Usual
 from rhytid.synthesis.progress import Progress, over_block, over_rows, row_blocks
-from rhytid.synthesis.ranks import RankedLines, Ranks, calm_of, unevenness
+from rhytid.synthesis.ranks import RankedLines, Ranks, calm_of
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.charts import trace
 from rhytid.synthesis.seams.copies import Arrays, with_copies
 from rhytid.synthesis.shapes import pore_axes, pore_ellipses
+from rhytid.synthesis.strands import unevenness
 from rhytid.synthesis.strips import Strips
 from rhytid.synthesis.surface import Points, Surface
 
@@ -40,6 +41,8 @@ _USUAL = {"node_grain": 1.0, "node_undulation": 1.0, "node_patchiness": 0.0}
 _CLOSEST = 8.0**-0.5
 # How far around a line skin is looked at, in pore spacings, and in how many directions.
 _REACH, _LOOKS = 2.0, 8
+# Lines that get their sizes between two reports of progress.
+_LINES = 1 << 21
 # Power of the share that is not bare. At the rim half is; lines along it are then as deep as
 # others, within a tenth.
 _FADING = 1.25
@@ -266,7 +269,7 @@ class GraphParts:
                 factor[rows] *= ranked.factor
                 np.minimum(factor[rows], ranked.most, out=factor[rows])
 
-        for block in row_blocks(len(chosen)):
+        for block in row_blocks(len(chosen), _LINES):
             progress(0.4 * block.start / len(chosen), "shapes")
             over_block(block, find)
         second = slice(lines.whole, None)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.lengths import SKIN, millimetres
 from rhytid.support import cancellation
-from rhytid.synthesis.candidate_graph import Ground
+from rhytid.synthesis.candidate_graph import CandidateGraph, Ground
 from rhytid.synthesis.hashes import unit_intervals
 from rhytid.synthesis.leader_courses import Courses, starts
 from rhytid.synthesis.leader_families import (
@@ -29,9 +30,11 @@ from rhytid.synthesis.leader_families import (
     leading_of,
 )
 from rhytid.synthesis.pore_density import SPACING, spacings
+from rhytid.synthesis.progress import over_rows
 from rhytid.synthesis.seams.borders import NONE
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, unit
 
+Singles = NDArray[np.float32]
 # Of the distance that a larger line keeps from others, what it keeps from smaller ones at least.
 _BESIDE = 0.75
 # Cosine of the angle, 41 degrees, from which on lines cross and keep no distance.
@@ -290,3 +293,75 @@ class _Beside:
         near = np.array(self._tree.query_ball_point(centre, ball, return_sorted=False), np.int64)
         found: IntArray = near[beside(self._position[near])[1] < cylinder**2]
         return found
+
+
+class LeaderEdges(NamedTuple):
+    """Edges of leaders: which they are (L,), the depth, the size, the profile, the number of the
+    family and that of the leader of each."""
+
+    edge: NDArray[np.intp]
+    depth: Singles
+    size: Singles
+    profile: Singles
+    family: NDArray[np.int64]
+    leader: NDArray[np.int64]
+
+
+def edges_along(net: CandidateGraph, leaders: LeaderPores) -> LeaderEdges:
+    """The edges between pores that follow one another on a leader; where the net has none between
+    two of them, those over the pore beside."""
+    follows = np.flatnonzero(leaders.line[1:] == leaders.line[:-1])
+    ends = np.sort(np.stack([net.first[follows], net.first[follows + 1]], axis=1), axis=1)
+    at = _edges_between(net, ends)
+    missing = np.flatnonzero(at < 0)
+    # A gap would show as two blunt ends.
+    beside, of = _ways_round(net, ends[missing])
+    found = np.flatnonzero(at >= 0)
+    edge, first = np.unique(np.concatenate([at[found], beside]), return_index=True)
+    follows = follows[np.concatenate([found, missing[of]])[first]]
+    depth, width, profile = (
+        np.float32(0.5) * (values[follows] + values[follows + 1])
+        for values in (leaders.depth, leaders.width, leaders.profile)
+    )
+    family, leader = leaders.family[follows], leaders.line[follows]
+    return LeaderEdges(edge, depth, width, profile, family, leader)
+
+
+def _edges_between(net: CandidateGraph, ends: NDArray[np.integer]) -> NDArray[np.intp]:
+    """(P,) which edge joins each pair of pores (P, 2), the lower first; -1 where none does."""
+    one, two = np.ascontiguousarray(net.edges.nodes[:, 0]), net.edges.nodes[:, 1]
+    first, end = (np.searchsorted(one, ends[:, 0], side) for side in ("left", "right"))
+    found = np.full(len(ends), -1)
+    for way in range(int((end - first).max(initial=0))):
+        at = np.minimum(first + way, len(one) - 1)
+        found = np.where((first + way < end) & (two[at] == ends[:, 1]), at, found)
+    return found
+
+
+def _ways_round(
+    net: CandidateGraph, ends: NDArray[np.integer]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(Q,) edges, two for each pair of pores (P, 2) that have a neighbour in common, over that by
+    which the way is shortest; and (Q,) the pair."""
+    asked, beside = np.zeros(len(net.pores), np.bool_), np.empty(len(net.edges.nodes), np.bool_)
+    asked[ends] = True
+
+    def look(rows: slice) -> None:
+        one, two = net.edges.nodes[rows].T
+        beside[rows] = asked[one] | asked[two]
+
+    over_rows(len(beside), look)
+    near = np.flatnonzero(beside)
+    around: dict[int, dict[int, int]] = {}
+    for edge, (one, two) in zip(near.tolist(), net.edges.nodes[near].tolist(), strict=True):
+        around.setdefault(one, {})[two] = edge
+        around.setdefault(two, {})[one] = edge
+    place, edges, of = net.pores.position, [], []
+    for pair, (one, two) in enumerate(ends.tolist()):
+        over = np.array(sorted(around.get(one, {}).keys() & around.get(two, {}).keys()), np.int64)
+        if len(over):
+            legs = (np.linalg.norm(place[over] - place[end], axis=1) for end in (one, two))
+            middle = int(over[np.argmin(sum(legs))])
+            edges += [around[one][middle], around[two][middle]]
+            of += [pair, pair]
+    return np.array(edges, np.intp), np.array(of, np.intp)

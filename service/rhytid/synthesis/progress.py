@@ -130,7 +130,11 @@ def masked(mask: NDArray[np.bool_], *arrays: NDArray[Any]) -> tuple[NDArray[Any]
     return found
 
 
-def over_block(block: slice, task: Callable[[slice], None]) -> None:
+def over_block(block: slice, task: Callable[[slice], None], each: int = _EACH) -> None:
     """`over_rows` for the rows of a block."""
     first = block.start
-    over_rows(block.stop - first, lambda rows: task(slice(first + rows.start, first + rows.stop)))
+
+    def run(rows: slice) -> None:
+        task(slice(first + rows.start, first + rows.stop))
+
+    over_rows(block.stop - first, run, each)

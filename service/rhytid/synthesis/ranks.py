@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -18,7 +17,6 @@ from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.skin import wear
 from rhytid.synthesis.candidate_graph import CandidateGraph
 from rhytid.synthesis.fields import Fields, looked_up
-from rhytid.synthesis.hashes import Words, normals, place_keys
 from rhytid.synthesis.lattice import Around
 from rhytid.synthesis.leader_families import (
     CREASES,
@@ -31,12 +29,11 @@ from rhytid.synthesis.leader_families import (
     leading_any_way,
     leading_of,
 )
-from rhytid.synthesis.leaders import LeaderPores
-from rhytid.synthesis.lines import NOTHING, Indices, Lines
+from rhytid.synthesis.leaders import LeaderEdges, LeaderPores, edges_along
+from rhytid.synthesis.lines import Indices
 from rhytid.synthesis.progress import over_rows
 from rhytid.synthesis.shapes import WIDE
 from rhytid.synthesis.strips import Strips
-from rhytid.synthesis.surface import Points
 
 Singles = NDArray[np.float32]
 # Priority of a leader's edges: above that of any other, below the classes of edges.
@@ -96,16 +93,6 @@ _SMALL, _UNEVEN = [PREFERRED.number, CROSSING.number], [RINGS.number, *_RHOMBI]
 _TINY = np.float32(1e-6)
 # Pores on a leader would be beads on a string: of their depth is left.
 _BEADS = 0.6
-# Lines that continue one another are a strand. Where skin folds one way strands run side by side,
-# as far apart as pores are: were they alike, they would be a fabric. So each part of one is by
-# chance fainter or stronger. Deviation of the logarithm of weights where lines are as uneven as
-# can be; widths follow by this power.
-UNEVEN, UNEVEN_WIDTH = 1.2, 0.35
-# So far around, in lines along a strand, the first of them by chance decides for all; and how often
-# neighbours on it are averaged, so that its parts fade into one another.
-_STEPS, _SOFTENED = 6, 2
-# So that random numbers for this are others than for another purpose.
-_PART = 21
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +144,7 @@ class Ranks:
         leaders: the first pores of the net.  spacing: mean distance of pores on even skin.
         """
         rank, worn = settings.rank, wear(settings.age)
-        along, place = _edges_along(net, leaders), (net.pores.triangle, net.pores.uv)
+        along, place = edges_along(net, leaders), (net.pores.triangle, net.pores.uv)
         row = np.zeros(len(net.edges), np.int32)
         row[along.edge] = np.arange(1, len(along.edge) + 1)
         leading = looked_up(partial(leading_any_way, fields), net.pores)
@@ -216,9 +203,15 @@ class Ranks:
     def unevenness(self, edge: NDArray[np.int32], pores: NDArray[np.int32]) -> Singles:
         """How far W lines differ from those beside them; leaders have sizes of their own.
         Arguments as of `of_lines`."""
-        uneven = np.float32(0.5) * (self.uneven[pores[:, 0]] + self.uneven[pores[:, 1]])
-        leads = self.weight[self.row[edge]] > 0
-        found: Singles = np.where(leads, np.float32(0.0), uneven)
+        found = np.empty(len(edge), np.float32)
+
+        def find(rows: slice) -> None:
+            one, two = pores[rows].T
+            uneven = np.float32(0.5) * (self.uneven[one] + self.uneven[two])
+            leads = self.weight[self.row[edge[rows]]] > 0
+            found[rows] = np.where(leads, np.float32(0.0), uneven)
+
+        over_rows(len(found), find)
         return found
 
     def worn(self) -> Singles:
@@ -228,7 +221,13 @@ class Ranks:
 
     def raised(self, strength: Singles) -> Singles:
         """(E,) strengths in which leaders come before all other edges."""
-        found: Singles = np.where(self.leads, _FIRST + self.weight[self.row], strength)
+        found = np.empty(len(strength), np.float32)
+
+        def raise_some(rows: slice) -> None:
+            weight = self.weight[self.row[rows]]
+            found[rows] = np.where(weight > 0, _FIRST + weight, strength[rows])
+
+        over_rows(len(found), raise_some)
         return found
 
     def shares(self, strips: Strips) -> Singles:
@@ -262,20 +261,8 @@ class RankedLines:
     calm: Singles
 
 
-class _Along(NamedTuple):
-    """Edges of leaders: which they are (L,), the depth, the size, the profile, the number of the
-    family and that of the leader of each."""
-
-    edge: NDArray[np.intp]
-    depth: Singles
-    size: Singles
-    profile: Singles
-    family: NDArray[np.int64]
-    leader: NDArray[np.int64]
-
-
 def _sizes(
-    along: _Along,
+    along: LeaderEdges,
     even: NDArray[np.floating],
     leading: NDArray[np.floating],
     rank: float,
@@ -349,66 +336,6 @@ def calm_of(leading: Singles, rank: float) -> Singles:
     return found
 
 
-def _edges_along(net: CandidateGraph, leaders: LeaderPores) -> _Along:
-    """The edges between pores that follow one another on a leader; where the net has none between
-    two of them, those over the pore beside."""
-    follows = np.flatnonzero(leaders.line[1:] == leaders.line[:-1])
-    ends = np.sort(np.stack([net.first[follows], net.first[follows + 1]], axis=1), axis=1)
-    at = _edges_between(net, ends)
-    missing = np.flatnonzero(at < 0)
-    # A gap would show as two blunt ends.
-    beside, of = _ways_round(net, ends[missing])
-    found = np.flatnonzero(at >= 0)
-    edge, first = np.unique(np.concatenate([at[found], beside]), return_index=True)
-    follows = follows[np.concatenate([found, missing[of]])[first]]
-    depth, width, profile = (
-        np.float32(0.5) * (values[follows] + values[follows + 1])
-        for values in (leaders.depth, leaders.width, leaders.profile)
-    )
-    family, leader = leaders.family[follows], leaders.line[follows]
-    return _Along(edge, depth, width, profile, family, leader)
-
-
-def _edges_between(net: CandidateGraph, ends: NDArray[np.integer]) -> NDArray[np.intp]:
-    """(P,) which edge joins each pair of pores (P, 2), the lower first; -1 where none does."""
-    one, two = np.ascontiguousarray(net.edges.nodes[:, 0]), net.edges.nodes[:, 1]
-    first, end = (np.searchsorted(one, ends[:, 0], side) for side in ("left", "right"))
-    found = np.full(len(ends), -1)
-    for way in range(int((end - first).max(initial=0))):
-        at = np.minimum(first + way, len(one) - 1)
-        found = np.where((first + way < end) & (two[at] == ends[:, 1]), at, found)
-    return found
-
-
-def _ways_round(
-    net: CandidateGraph, ends: NDArray[np.integer]
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(Q,) edges, two for each pair of pores (P, 2) that have a neighbour in common, over that by
-    which the way is shortest; and (Q,) the pair."""
-    asked, beside = np.zeros(len(net.pores), np.bool_), np.empty(len(net.edges.nodes), np.bool_)
-    asked[ends] = True
-
-    def look(rows: slice) -> None:
-        one, two = net.edges.nodes[rows].T
-        beside[rows] = asked[one] | asked[two]
-
-    over_rows(len(beside), look)
-    near = np.flatnonzero(beside)
-    around: dict[int, dict[int, int]] = {}
-    for edge, (one, two) in zip(near.tolist(), net.edges.nodes[near].tolist(), strict=True):
-        around.setdefault(one, {})[two] = edge
-        around.setdefault(two, {})[one] = edge
-    place, edges, of = net.pores.position, [], []
-    for pair, (one, two) in enumerate(ends.tolist()):
-        over = np.array(sorted(around.get(one, {}).keys() & around.get(two, {}).keys()), np.int64)
-        if len(over):
-            legs = (np.linalg.norm(place[over] - place[end], axis=1) for end in (one, two))
-            middle = int(over[np.argmin(sum(legs))])
-            edges += [around[one][middle], around[two][middle]]
-            of += [pair, pair]
-    return np.array(edges, np.intp), np.array(of, np.intp)
-
-
 def _beside_none(none: float, values: NDArray[np.floating]) -> Singles:
     """(K,) values of the edges of leaders (K - 1,), after that of all others."""
     return np.append(none, values).astype(np.float32)
@@ -432,49 +359,3 @@ def _nearness(net: CandidateGraph, leaders: LeaderPores, reach: float) -> Single
 
     over_rows(len(found), find)
     return found
-
-
-def unevenness(
-    pores: Points, lines: Lines, partners: Indices, amount: Singles, seed: int
-) -> tuple[Singles, Singles]:
-    """(W,) factors of the weights and of the widths of stored lines; 1 where `amount` is 0, else
-    most below it: fewer lines are left.
-
-    partners (W, 2): the line that continues each at its ends, below 0 for none.  amount (W,): how
-    far strands differ, 0 to 1.
-    """
-    factor, whole = np.ones(len(lines.edge), np.float32), lines.whole
-    of = np.flatnonzero(amount[:whole] > 0)
-    beside, key = _beside(lines, partners, of), place_keys(pores.uv)[lines.pores[of]]
-    chance = normals(_first(key[:, 0] ^ key[:, 1], beside), _PART, seed)
-    for _ in range(_SOFTENED):
-        chance = (chance + chance[beside[:, 0]] + chance[beside[:, 1]]) / np.float32(3.0)
-    deviation = np.float32(UNEVEN) * amount[of]
-    factor[of] = np.exp(deviation * (chance - deviation))
-    factor[whole:] = factor[lines.copy_of[whole:]]
-    return factor, factor ** np.float32(UNEVEN_WIDTH)
-
-
-def _beside(lines: Lines, partners: Indices, of: NDArray[np.intp]) -> Indices:
-    """(K, 2) of wrinkles `of` (K,), which of these come before and after each on its strand; itself
-    where none does."""
-    found = partners[of]
-    # A wrinkle over a seam goes on where its second half does.
-    second = np.full(lines.whole, -1, np.int32)
-    second[lines.copy_of[lines.whole :]] = np.arange(lines.whole, len(lines.edge))
-    cut = np.flatnonzero(second[of] >= 0)
-    found[cut, 1] = partners[second[of[cut]], 1]
-    beyond = found >= lines.whole
-    found[beyond] = lines.copy_of[found[beyond]]
-    number = np.full(lines.whole + 1, -1, np.int32)
-    number[of] = np.arange(len(of))
-    found = number[np.maximum(found, NOTHING)]
-    return np.where(found < 0, np.arange(len(of), dtype=np.int32)[:, None], found)
-
-
-def _first(key: Words, beside: Indices) -> Words:
-    """(K,) the least of the keys (K,) within _STEPS of each on its strand."""
-    least = key
-    for _ in range(_STEPS):
-        least = np.minimum(least, np.minimum(least[beside[:, 0]], least[beside[:, 1]]))
-    return least

@@ -9,9 +9,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from rhytid.support import cancellation
 from rhytid.synthesis.lattice import Around
-from rhytid.synthesis.progress import over_rows, row_blocks
+from rhytid.synthesis.progress import over_block, over_rows, row_blocks
 
 Doubles = NDArray[np.float64]
 # What others are left at least, of what they would take.
@@ -19,6 +18,8 @@ _LEFT = 0.2
 # Pores that are looked around at a time: there are some hundred times as many pairs, each of which
 # takes 40 bytes then, and 16 until all have asked.
 _ASKING = 1 << 12
+# How many times as many are found before their pairs are added up, in their order.
+_AT_ONCE = 4
 # Lines that are added up at pores at a time: a copy of them in other numbers stays in the cache.
 _AT_ENDS = 1 << 14
 _TINY = 1e-300
@@ -87,20 +88,24 @@ class Strips:
         around = Around(self.position[asking], float(farthest.max()) * self.spacing)
         others = around.all_near(self.position)
         every = scipy.spatial.cKDTree(self.position[others], **quick)
-        for first in range(0, len(asking), _ASKING):
-            cancellation.check()
-            rows, found = slice(first, first + _ASKING), []
-            some = asking[rows]
+        found: dict[int, tuple[NDArray[np.intp], _Pairs]] = {}
+
+        def find(rows: slice) -> None:
+            some, parts = asking[rows], []
             for reach in np.unique(farthest[rows]):
                 of = np.flatnonzero(farthest[rows] == reach)
                 tree = scipy.spatial.cKDTree(self.position[some[of]], **quick)
                 reach *= self.spacing
                 near = tree.sparse_distance_matrix(every, reach, output_type="ndarray")
                 nearness = (1.0 - (near["v"] / reach) ** 2) ** 2
-                found.append((of[near["i"]], others[near["j"]], nearness))
-            one, two, nearness = (np.concatenate(parts) for parts in zip(*found, strict=True))
+                parts.append((of[near["i"]], others[near["j"]], nearness))
+            one, two, nearness = (np.concatenate(part) for part in zip(*parts, strict=True))
             order = np.argsort(one * len(self.position) + two)
-            yield some, (one[order], two[order], nearness[order])
+            found[rows.start] = some, (one[order], two[order], nearness[order])
+
+        for block in row_blocks(len(asking), _AT_ONCE * _ASKING):
+            over_block(block, find, _ASKING)
+            yield from (found.pop(first) for first in sorted(found))
 
 
 def _at_pores(ends: NDArray[np.int32], values: Doubles, count: int) -> Doubles:
