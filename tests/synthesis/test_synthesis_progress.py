@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import threading
+from functools import partial
 
 import numpy as np
 import pytest
 
 from rhytid.errors import CancelledError
 from rhytid.support import cancellation
-from rhytid.synthesis.progress import gathered, masked, over_block, over_rows, row_blocks
+from rhytid.synthesis.progress import gathered, masked, over_block, over_rows, row_blocks, together
 
 
 @pytest.mark.parametrize("count", [0, 1, 999, 1000, 4321])
@@ -86,3 +87,25 @@ def test_rows_of_a_mask_keep_their_order(count: int, share: float) -> None:
     found = masked(mask, numbers, pairs)
     for some, array in zip(found, (numbers, pairs), strict=True):
         np.testing.assert_array_equal(some, array[mask], strict=True)
+
+
+def test_tasks_run_together_and_what_they_return_is_in_their_order(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    met = threading.Barrier(2)  # each waits for the other
+
+    def meet(number: int) -> int:
+        met.wait(timeout=20)
+        return number
+
+    assert together(partial(meet, 1), partial(meet, 2)) == [1, 2]
+    assert together() == []
+
+
+def test_what_a_task_raises_ends_all() -> None:
+    def fail() -> None:
+        raise CancelledError("enough")
+
+    with pytest.raises(CancelledError, match="enough"):
+        together(list, fail, list)

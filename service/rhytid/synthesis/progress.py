@@ -96,6 +96,17 @@ def over_rows(count: int, task: Callable[[slice], None], each: int = _EACH) -> N
             raise
 
 
+def together(*tasks: Callable[[], Any]) -> list[Any]:
+    """What tasks return, which run side by side on as many threads as there are cores."""
+    found: list[Any] = [None] * len(tasks)
+
+    def run(rows: slice) -> None:
+        found[rows.start] = tasks[rows.start]()
+
+    over_rows(len(tasks), run, each=1)
+    return found
+
+
 def gathered(array: NDArray[Any], index: NDArray[np.integer]) -> NDArray[Any]:
     """The rows of an array at an index, on as many threads as there are cores."""
     found = np.empty((len(index), *array.shape[1:]), array.dtype)

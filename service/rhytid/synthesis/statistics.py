@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from rhytid.errors import GraphError
 from rhytid.synthesis.edges import DEFINES, crossings
 from rhytid.synthesis.fields import level_directions
 from rhytid.synthesis.lattice import DevicePoints, bounds
-from rhytid.synthesis.progress import masked, over_rows, row_blocks
+from rhytid.synthesis.progress import masked, over_rows, row_blocks, together
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface
 from rhytid.synthesis.workspace import Workspace
 
@@ -65,7 +66,28 @@ def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any
 
 
 def _figures(surface: Surface, graph: WrinkleGraph, net: _Net) -> dict[str, Any]:
-    """The figures in their order, without those that are found on the device."""
+    """The figures in their order, without those that are found on the device. Most are sums in an
+    order, of one core each: they are found side by side."""
+    counts, length, degree, strengths, angles = together(
+        partial(_counts, graph, net.seams),
+        partial(_moments, net.length, surface.scale),
+        partial(_degrees, net),
+        partial(_strengths, net.weight),
+        partial(_angles, surface, net),
+    )
+    return {
+        **counts,
+        "distance": None,
+        "length": length,
+        "degree": degree,
+        "crossings": None,
+        "strengths": strengths.tolist(),
+        **angles,
+    }
+
+
+def _counts(graph: WrinkleGraph, seams: int) -> dict[str, Any]:
+    """Figures of the graph alone, and how many wrinkles join pores on two sides of a seam."""
     pores, wrinkles = graph.counts()
     return {
         "pores": pores,
@@ -74,14 +96,8 @@ def _figures(surface: Surface, graph: WrinkleGraph, net: _Net) -> dict[str, Any]
         "wrinkles": wrinkles,
         "drawn_wrinkles": int(np.count_nonzero(graph.edge_weight[graph.own_edges])),
         "copied_wrinkles": graph.wrinkles - wrinkles,
-        "seam_wrinkles": net.seams,
+        "seam_wrinkles": seams,
         "events": graph.event_counts(),
-        "distance": None,
-        "length": _moments(net.length, surface.scale),
-        "degree": _degrees(net),
-        "crossings": None,
-        "strengths": _strengths(net.weight).tolist(),
-        **_angles(surface, net),
     }
 
 
