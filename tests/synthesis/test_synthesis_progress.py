@@ -10,7 +10,17 @@ import pytest
 
 from rhytid.errors import CancelledError
 from rhytid.support import cancellation
-from rhytid.synthesis.progress import gathered, masked, over_block, over_rows, row_blocks, together
+from rhytid.synthesis.incidence import starts_of
+from rhytid.synthesis.progress import (
+    gathered,
+    masked,
+    nth_largest,
+    over_block,
+    over_rows,
+    row_blocks,
+    rows_where,
+    together,
+)
 
 
 @pytest.mark.parametrize("count", [0, 1, 999, 1000, 4321])
@@ -109,3 +119,36 @@ def test_what_a_task_raises_ends_all() -> None:
 
     with pytest.raises(CancelledError, match="enough"):
         together(list, fail, list)
+
+
+@pytest.mark.parametrize("count", [0, 1, 65_536, 200_001])
+def test_rows_that_are_good_are_found_in_their_order(count: int) -> None:
+    good = np.random.default_rng(count).random(count) < 0.3
+    found = rows_where(count, lambda rows: good[rows])
+    np.testing.assert_array_equal(found, np.flatnonzero(good))
+    assert found.dtype == np.int32
+
+
+@pytest.mark.parametrize("values", ["by chance", "few", "ascending", "alike", "unlike the sample"])
+@pytest.mark.parametrize("count", [1, 64, 150_000])
+def test_the_nth_largest_is_that_of_all_in_order(values: str, count: int) -> None:
+    rng, row = np.random.default_rng(7), np.arange(count)
+    given = {
+        "by chance": rng.random(count),
+        "few": rng.integers(0, 3, count).astype(np.float64),
+        "ascending": row / count,
+        "alike": np.ones(count),
+        "unlike the sample": np.where(row % 64 == 0, 2.0 + row, rng.random(count)),
+    }[values]
+    ordered = np.sort(given)[::-1]
+    for n in {1, 2, count // 3, count // 64, count - 1, count} - {0}:
+        if n <= count:
+            assert nth_largest(given, n) == ordered[n - 1]
+
+
+@pytest.mark.parametrize("count", [0, 1, 1 << 18, 700_001])
+def test_lists_start_where_those_before_them_end(count: int) -> None:
+    lengths = np.random.default_rng(count).integers(0, 9, count).astype(np.int32)
+    found = starts_of(lengths)
+    np.testing.assert_array_equal(found, np.append(0, np.cumsum(lengths)))
+    assert found.dtype == np.int32

@@ -14,7 +14,7 @@ from rhytid.synthesis.incidence import KEPT, NEEDED, Incidence, chosen
 from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.pore_density import LENGTH, edges_per_pore
 from rhytid.synthesis.pores import scatter_around
-from rhytid.synthesis.progress import Progress, over_rows, part
+from rhytid.synthesis.progress import Progress, nth_largest, over_rows, part, rows_where
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.surface import Points, Surface
 from rhytid.synthesis.trails import Paths, Walks, wear
@@ -152,16 +152,21 @@ class Cut:
     @classmethod
     def at_count(cls, edges: Edges, priority: NDArray[np.float64], count: int) -> Cut:
         """The cut that draws exactly `count` edges, of equal priority the shorter ones first."""
-        least = float(-np.partition(-priority, count - 1)[count - 1])
-        tied = np.flatnonzero(priority == least)
-        left = count - np.count_nonzero(priority > least)
+        least = nth_largest(priority, count)
+        tied = rows_where(len(priority), lambda rows: priority[rows] == least)
+        left = count - len(rows_where(len(priority), lambda rows: priority[rows] > least))
         return cls(least, float(np.partition(edges.length[tied], left - 1)[left - 1]))
 
-    def draws(self, edges: Edges, priority: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(E,) whether each edge is drawn, which depends on that edge alone."""
-        even = (priority == self.priority) & (edges.length <= self.length)
-        drawn: NDArray[np.bool_] = (priority > self.priority) | even
-        return drawn
+    def drawn(self, edges: Edges, priority: NDArray[np.float64]) -> NDArray[np.int32]:
+        """The numbers of the edges that are drawn, ascending; whether one is depends on that edge
+        alone."""
+
+        def draws(rows: slice) -> NDArray[np.bool_]:
+            even = (priority[rows] == self.priority) & (edges.length[rows] <= self.length)
+            found: NDArray[np.bool_] = (priority[rows] > self.priority) | even
+            return found
+
+        return rows_where(len(priority), draws)
 
 
 def _marks(

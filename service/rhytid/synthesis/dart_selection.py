@@ -13,7 +13,7 @@ from rhytid.device.buffer import Buffer
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.incidence import KEPT, starts_of, until_decided
 from rhytid.synthesis.lattice import Grid, Lattice, mask_of_lists, spatial_order
-from rhytid.synthesis.progress import gathered, over_rows
+from rhytid.synthesis.progress import gathered, over_rows, rows_where
 from rhytid.synthesis.surface import Points, unit
 from rhytid.synthesis.workspace import Workspace
 
@@ -90,10 +90,11 @@ class DartSelection:
             "pores", "find_room", darts.count, darts.triangle, darts.place, darts.normal,
             darts.factor, darts.level, *self.lists, room,
         )  # fmt: skip
-        fitting = np.flatnonzero(self._work.read(room, (darts.count,), np.uint8))
+        fits = self._work.read(room, (darts.count,), np.bool_)
+        fitting = rows_where(darts.count, lambda rows: fits[rows])
         self._work.release(room)
         if len(fitting):
-            self._add(darts, self._thinned(darts, fitting.astype(np.int32)))
+            self._add(darts, self._thinned(darts, fitting))
 
     def points(self) -> tuple[Points, NDArray[np.intp]]:
         """The pores in spatial order, and (N,) that order of those that were kept."""

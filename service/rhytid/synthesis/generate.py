@@ -162,7 +162,7 @@ def _skin(
         spacing = settings.spacing * settings.density**-0.5 / surface.scale
         skin = _grown_at_spacing(ground, spacing / SPACING, settings, progress)
         cut = Cut.at_strength(faintest(settings.neighbours))
-        check_drawn(surface, settings, int(cut.draws(skin.net.edges, skin.priority).sum()))
+        check_drawn(surface, settings, len(cut.drawn(skin.net.edges, skin.priority)))
         return skin, cut
     first = ground if plain is ground.fields else replace(ground, fields=plain)
     count = wrinkles_in_all(surface, settings, plain)
@@ -201,7 +201,7 @@ class Skin:
     ) -> GraphParts:
         """The parts of a graph of the edges down to `cut`, in spatial order."""
         progress(0.0, "shapes")
-        chosen = np.flatnonzero(cut.draws(self.net.edges, self.priority)).astype(np.int32)
+        chosen = cut.drawn(self.net.edges, self.priority)
         lines = draw(ground, self.net, borders, chosen, self.spacing)
         return GraphParts(
             ground, self.net.pores, lines, borders, self.strengths, self.spacing, seed, events

@@ -14,8 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
+from rhytid.synthesis.progress import over_rows
 from rhytid.synthesis.workspace import Workspace
 
+# Lists whose lengths a thread adds up at a time.
+_EACH = 1 << 18
 WAITING, KEPT, DROPPED, NEEDED = 0, 1, 2, 3
 
 
@@ -50,8 +53,20 @@ class Incidence:
 
 def starts_of(counts: NDArray[np.int32]) -> NDArray[np.int32]:
     """(N + 1,) where each list starts, and where the last one ends.  counts (N,): their lengths."""
-    starts = np.zeros(len(counts) + 1, np.int32)
-    np.cumsum(counts, dtype=np.int32, out=starts[1:])  # by itself numpy goes over eight bytes
+    starts, sums = np.zeros(len(counts) + 1, np.int32), np.zeros(-(-len(counts) // _EACH), np.int64)
+
+    def add_up(rows: slice) -> None:
+        after = starts[1:][rows]
+        np.cumsum(counts[rows], dtype=np.int32, out=after)  # by itself numpy goes over eight bytes
+        sums[rows.start // _EACH] = after[-1]
+
+    over_rows(len(counts), add_up, _EACH)
+    before = np.cumsum(sums) - sums
+
+    def move(rows: slice) -> None:
+        starts[1:][rows] += np.int32(before[rows.start // _EACH])
+
+    over_rows(len(counts), move, _EACH)
     return starts
 
 

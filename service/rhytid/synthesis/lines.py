@@ -18,7 +18,7 @@ from rhytid.domain.graph import LEAST_SIZE, ORIGINAL, STEEPEST
 from rhytid.synthesis.candidate_graph import CandidateGraph, Ground
 from rhytid.synthesis.edges import DEFINES
 from rhytid.synthesis.incidence import Incidence
-from rhytid.synthesis.progress import gathered, over_rows
+from rhytid.synthesis.progress import gathered, over_rows, rows_where
 from rhytid.synthesis.seams.borders import NONE, Borders
 from rhytid.synthesis.seams.charts import BORDER, Halves, halves, side_at
 from rhytid.synthesis.shapes import WIDE, half_widths_uv
@@ -280,14 +280,18 @@ def _paired(
 def _ending_at(pores: Indices, first: int, number: int) -> tuple[Indices, BoolArray]:
     """The wrinkles (K,) that end at pores `first` to `first + number`, ascending, and (K, 2) which
     of their ends do.  pores (V, 2): of all wrinkles."""
-    here = np.empty(pores.shape, np.bool_)
 
-    def look(rows: slice) -> None:
-        here[rows] = (pores[rows] >= first) & (pores[rows] < first + number)
+    def here(ends: Indices) -> BoolArray:
+        found: BoolArray = (ends >= first) & (ends < first + number)
+        return found
 
-    over_rows(len(pores), look)
-    wrinkles = np.flatnonzero(here[:, 0] | here[:, 1]).astype(np.int32)
-    return wrinkles, here[wrinkles]
+    def ends_here(rows: slice) -> BoolArray:
+        ends = here(pores[rows])
+        found: BoolArray = ends[:, 0] | ends[:, 1]
+        return found
+
+    wrinkles = rows_where(len(pores), ends_here)
+    return wrinkles, here(gathered(pores, wrinkles))
 
 
 def _give(

@@ -20,7 +20,7 @@ from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.hashes import Words, random4, triangle_keys
 from rhytid.synthesis.lattice import Lattice, spatial_order
 from rhytid.synthesis.pore_density import PACKING, densities, effective_area, spacings
-from rhytid.synthesis.progress import Progress, over_rows
+from rhytid.synthesis.progress import Progress, over_rows, rows_where
 from rhytid.synthesis.surface import FloatArray, Points, Surface
 from rhytid.synthesis.workspace import Workspace
 
@@ -213,7 +213,7 @@ class Darts:
         )  # fmt: skip
         may = self._work.read(found, (every,), np.bool_)
         self._work.release(found)
-        return np.flatnonzero(may).astype(np.int32)
+        return rows_where(every, lambda rows: may[rows])
 
     def _looked_up(self, count: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
         """Factors of darts, and their triangles, -1 for those on bare skin."""

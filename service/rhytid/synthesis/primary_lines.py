@@ -69,7 +69,7 @@ class Primary:
         factor = looked_up(ground.fields.primary, net.pores)
         strength *= factor[net.edges.nodes].mean(axis=1)
         priority = priorities(ground.work, net, strength, part(progress, 0.9, 1.0))
-        chosen = np.flatnonzero(Cut.at_strength(FAINTEST_PRIMARY).draws(net.edges, priority))
+        chosen = Cut.at_strength(FAINTEST_PRIMARY).drawn(net.edges, priority)
         weight = shapes.edge_weights(strength[chosen] ** _SHARPER, PRIMARY_STRENGTH)
         return cls(net.pores, net.edges.nodes[chosen], weight)
 

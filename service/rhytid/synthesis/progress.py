@@ -17,6 +17,8 @@ Progress = Callable[[float, str], None]
 ROWS = 1 << 19
 # Rows of a thread at a time: what is computed on the way stays in the cache.
 _EACH = 1 << 16
+# One of so many values is in a sample; how far off ranks in it may be, in square roots of its size.
+_SAMPLE, _OFF = 64, 4
 
 
 def silent(fraction: float, stage: str) -> None:
@@ -116,6 +118,34 @@ def gathered(array: NDArray[Any], index: NDArray[np.integer]) -> NDArray[Any]:
 
     over_rows(len(index), gather)
     return found
+
+
+def rows_where(count: int, good: Callable[[slice], NDArray[np.bool_]]) -> NDArray[np.int32]:
+    """The numbers, ascending, of those of the rows 0 to `count` that are good, as this says of
+    some rows; on as many threads as there are cores."""
+    found: dict[int, NDArray[np.int32]] = {}
+
+    def look(rows: slice) -> None:
+        found[rows.start] = (np.flatnonzero(good(rows)) + rows.start).astype(np.int32)
+
+    over_rows(count, look)
+    return np.concatenate([np.empty(0, np.int32), *(found[first] for first in sorted(found))])
+
+
+def nth_largest(values: NDArray[np.float64], n: int) -> float:
+    """The n-th largest of values, counted from 1. Of many those are sorted alone that a sample says
+    it may be among, on as many threads as there are cores."""
+    some = np.sort(values[::_SAMPLE])[::-1]
+    at, off = n // _SAMPLE, _OFF * int(np.sqrt(len(some)) + 1)
+    high = some[at - off] if off <= at else np.inf
+    low = some[at + off] if at + off < len(some) else -np.inf
+    above = len(rows_where(len(values), lambda rows: values[rows] > high))
+    near = rows_where(len(values), lambda rows: (values[rows] >= low) & (values[rows] <= high))
+    among = values[near]
+    if not above < n <= above + len(among):
+        above, among = 0, values
+    rank = len(among) - (n - above)
+    return float(np.partition(among, rank)[rank])
 
 
 def masked(mask: NDArray[np.bool_], *arrays: NDArray[Any]) -> tuple[NDArray[Any], ...]:

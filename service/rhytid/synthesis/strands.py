@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rhytid.synthesis.hashes import Words, normals, place_keys
 from rhytid.synthesis.lines import NOTHING, Indices, Lines
-from rhytid.synthesis.progress import over_rows
+from rhytid.synthesis.progress import over_rows, rows_where
 from rhytid.synthesis.surface import Points
 
 Singles = NDArray[np.float32]
@@ -37,7 +37,7 @@ def unevenness(
     """
     factor, whole = np.ones(len(lines.edge), np.float32), lines.whole
     narrower = np.ones(len(lines.edge), np.float32)
-    of = np.flatnonzero(amount[:whole] > 0)
+    of = rows_where(whole, lambda rows: amount[rows] > 0)
     beside, places = _beside(lines, partners, of), place_keys(pores.uv)
     key = np.empty(len(of), np.uint32)
 
@@ -61,7 +61,7 @@ def unevenness(
     return factor, narrower
 
 
-def _beside(lines: Lines, partners: Indices, of: NDArray[np.intp]) -> Indices:
+def _beside(lines: Lines, partners: Indices, of: Indices) -> Indices:
     """(K, 2) of wrinkles `of` (K,), which of these come before and after each on its strand; itself
     where none does."""
     whole, found = lines.whole, np.empty((len(of), 2), np.int32)
