@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rhytid.device.budget import BufferPool, MemoryBudget
+from rhytid.device.buffer import Buffer
 from rhytid.device.runtime import Device
 from rhytid.errors import DeviceMemoryError
 
@@ -137,21 +138,36 @@ def test_the_driver_says_what_its_largest_buffer_is(device):
 
 
 def test_a_processor_reads_an_array_that_is_lent_where_it_lies(device):
-    values = np.arange(1 << 12, dtype=np.float32)
+    values = np.arange(1 << 12, dtype=np.int32)[::-1].copy()
     small = Device(device.info, 1 << 20)
-    lent, out = small.lend(values), small.empty(len(values), np.float32)
+    lent, out = small.lend(values), small.full(len(values), np.int32(0))
     assert small.budget.used == 2 * values.nbytes
     assert np.shares_memory(lent.host, values)
-    small.launch("copy", "copy_map", (len(values) // 16,), lent, out)
-    np.testing.assert_array_equal(small.read(out, values.shape, np.float32), values)
-    small.budget.new_task()
+    count_up(small, lent, out, len(values))
+    np.testing.assert_array_equal(small.read(out, values.shape, np.int32), 1)
     lent.release()
     lent.release()
     assert (small.budget.used, small.pool.held) == (values.nbytes, 0)
-    small.full(len(values), np.float32(7.0))  # not in the memory of the array
+    small.full(len(values), np.int32(7))  # not in the memory of the array
     small.finish()
-    np.testing.assert_array_equal(values, np.arange(1 << 12))
+    np.testing.assert_array_equal(values, np.arange(1 << 12)[::-1])
     assert small.lend(np.zeros((0, 3), np.float32)).nbytes == 0
+
+
+def count_up(device: Device, numbers: Buffer, counts: Buffer, count: int) -> None:
+    """Add to the count of each number how often it is among `count`."""
+    place = np.int32(0), np.int32(count)
+    device.launch("incidence", "count_pairs", (count,), *place, numbers, counts)
+
+
+def test_an_array_that_lies_off_the_bounds_of_vectors_is_copied(device):
+    values = np.zeros(1001, np.int32)
+    off = values[1:] if values.ctypes.data % 16 == 0 else values[:1000]
+    small = Device(device.info, 1 << 20)
+    lent, out = small.lend(off), small.full(1000, np.int32(0))
+    assert lent.host is None
+    count_up(small, lent, out, 1000)
+    assert small.read(out, (1000,), np.int32)[0] == 1000
 
 
 def test_what_a_processor_gives_back_is_memory_that_nothing_else_uses(device):

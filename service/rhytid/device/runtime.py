@@ -33,7 +33,8 @@ from rhytid.device.programs import NO_DEFINES, Programs
 from rhytid.device.select import Candidate
 from rhytid.errors import DeviceMemoryError
 
-_PAGE = 4096
+# Bytes that numpy aligns arrays to, and a page of memory.
+_ALIGNED, _PAGE = 16, 4096
 T = TypeVar("T")
 Part = TypeVar("Part", bound=Releasable)
 Group = TypeVar("Group", bound=BufferGroup)
@@ -256,10 +257,10 @@ class Device:
     @_stepped
     def lend(self, array: NDArray[Any]) -> Buffer:
         """As `upload`, but on a processor the memory of `array` itself, which takes no copy: for
-        kernels that only read it, a number or two at a time (it is aligned to no more). Nobody
-        writes to it until the buffer is released."""
+        kernels that only read it, at most _ALIGNED bytes at a time. Wider loads would end the
+        process. Nobody writes to the array until the buffer is released."""
         host = np.ascontiguousarray(array)
-        if not self._shares_memory or not host.nbytes:
+        if not self._shares_memory or not host.nbytes or host.ctypes.data % _ALIGNED:
             return self._buffer(host.nbytes, host if host.nbytes else None)
         return self._over(host.reshape(-1).view(np.uint8), cl.mem_flags.READ_ONLY)
 
