@@ -179,7 +179,7 @@ def test_bins(call: Call, asset: str) -> None:
     assert len(bins.steps["pores"]) == len(bins.samples)
     cushion = {"factor": 4, "apron": 2, "samples": (-0.5, 0.0, 0.5), "exponent": 4.0}
     assert bins.cushion == cushion
-    assert bins.grain == {"exponent": 2.0, "depth": 0.01}
+    assert bins.grain == {"exponent": 2.0}
     assert call("bin_tile", asset, 1001, 0, 0, 0, bin=1, sample=2).dtype == np.int8
     grain, whole = (
         call("bin_tile", asset, 1001, 0, 0, 0, layer="grain", **given)

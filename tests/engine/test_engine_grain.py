@@ -209,21 +209,6 @@ def test_what_no_pore_says_goes_on_from_where_one_does():
     assert relief_shares(mesh, GRAPH, triangle) is None
 
 
-@pytest.mark.parametrize(
-    ("age", "rank", "deeper"),
-    [(20.0, 1.0, 1.0), (35.0, 1.0, 1.0), (65.0, 1.0, 2.5), (65.0, 0.0, 1.0)],
-)
-def test_floors_of_worn_leaders_keep_more_of_it(device, age, rank, deeper):
-    """What is left of it in furrows counts from a depth that grows with age."""
-    graph = {"age": age, "rank": rank}
-    plain = drawn(asset_of(device, shape={"grain": 0.0, "grain_size": SIZE}, graph=graph))
-    noise = noise_of(asset_of(device, None, BARE, graph=graph))
-    found = drawn(asset_of(device, graph=graph))
-    wanted = reference.shown(plain, noise, 1.0, SHARE * DEPTH, deeper * DEPTH)
-    assert np.abs(found - wanted).max() < 1e-5 * DEPTH
-    assert plain.min() < -0.5 * DEPTH
-
-
 @pytest.mark.parametrize(("seed", "grain"), [(0, 0.03), (1, 0.0), (2**31 - 1, 0.03)])
 def test_undulation_is_broad_noise_beside_the_grain(device, seed, grain):
     mesh, share, size = sheet(), 0.16, 0.5

@@ -147,7 +147,7 @@ class Bins:
     pores.  measured_in: "uv" or "surface".  tilt: None, or `node`, `share` and `width`.
     soft_limits: limits are knees.  pore_depth_limit: that of σ_d of pores.
     cushion: None, or `factor`, texels to a sample, `apron`, samples more around a tile,
-    `samples`, log stretches, and `exponent`.  grain: None, or `exponent` and `depth`.
+    `samples`, log stretches, and `exponent`.  grain: None, or `exponent`.
     """
 
     angles: tuple[float, ...]

@@ -320,7 +320,6 @@ class CushionLayer(_Answer):
 class GrainLayer(_Answer):
     """How the grain follows a frame."""
 
-    depth: float = Field(description="so deep none would be left, mesh units")
     exponent: float = Field(description="e of its gain, the mean of exp(-e log ρ) over both axes")
 
 

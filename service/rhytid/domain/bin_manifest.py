@@ -35,11 +35,9 @@ class CushionLayer:
 
 @dataclass(frozen=True)
 class GrainLayer:
-    """How grain follows a frame (docs/binned.md).  exponent: of its gain, over log ρ.  depth: so
-    deep none would be left, mesh units."""
+    """How grain follows a frame (docs/binned.md).  exponent: of its gain, over log ρ."""
 
     exponent: float
-    depth: float
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from rhytid.pipeline.bins import (
 )
 from rhytid.pipeline.cushion import SAMPLES, CushionTile, cushion_steps, last_stretch
 from rhytid.pipeline.cushion_layer import APRON
-from rhytid.pipeline.grain import grain_amplitude, grain_depth, grain_exponent, relief
+from rhytid.pipeline.grain import grain_amplitude, grain_exponent, relief
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.nearby import Groups
 from rhytid.pipeline.reach import SCALE_LIMIT, bulging, response_defines
@@ -221,7 +221,7 @@ class Blend:
             *_of_all(of_each), coefficients.own,
             None if grain is None else coefficients.gains, raised.coarse,
             np.int32(raised.values), self._unit, first.place[0],
-            np.float32(grain_amplitude(self._settings)), np.float32(grain_depth(self._settings)),
+            np.float32(grain_amplitude(self._settings)), np.float32(self._settings.depth),
             group=_group(self._device.shape.vectors, vectors),
             defines={
                 **self._layers, **self._codes, **raised.defines,

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.bin_manifest import GrainLayer
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.painted_maps import Stiffness
@@ -32,7 +31,7 @@ from rhytid.domain.patch_noise import (
     placement,
     table,
 )
-from rhytid.domain.skin import COARSE, wear
+from rhytid.domain.skin import COARSE
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.nearby import Groups
 from rhytid.pipeline.reach import response_defines
@@ -50,8 +49,6 @@ GRAIN = "grain"
 CODES, UNEVEN_CODES, MOST_UNDULATION = 32.0, 16.0, 2.6
 # Of even skin, at the corners of a triangle: factor of the grain, patchiness.
 _EVEN = np.array([1.0] * 6 + [0.0] * 3, np.float32)
-# Factor at 65 of the depth at which none of it would be left.
-_FLOORS = 2.5
 # How many edges from a pore on its value is carried over vertices without any; beyond, the mean.
 _CARRIED = 64
 
@@ -167,21 +164,6 @@ def grain_amplitude(settings: AssetSettings) -> float:
     return relief(settings) * settings.depth / _codes(settings)
 
 
-def grain_depth(settings: AssetSettings) -> float:
-    """So deep nothing of grain and undulation would be left, mesh units: the depth of a wrinkle of
-    strength 1, and more where leaders are worn, whose floors would be smooth as glass."""
-    assert settings.depth is not None
-    worn = min(max(wear(settings.graph.age), 0.0), 1.0) * min(settings.graph.rank, 1.0)
-    return settings.depth * (1.0 + (_FLOORS - 1.0) * worn)
-
-
-def grain_layer(settings: AssetSettings) -> GrainLayer | None:
-    """How grain follows a frame; None where there is none."""
-    if relief(settings) == 0.0:
-        return None
-    return GrainLayer(grain_exponent(settings), grain_depth(settings))
-
-
 def _codes(settings: AssetSettings) -> float:
     """Codes for the root mean square of even skin."""
     graph = settings.graph
@@ -258,9 +240,10 @@ class Grain:
         first = (top - tile.row) * tile.side + left - tile.column
         to = (top - row) * side + left - column
         settings = self.settings
+        assert settings.depth is not None
         last = (
             np.float32(grain_exponent(settings)), np.float32(grain_amplitude(settings)),
-            np.float32(grain_depth(settings)),
+            np.float32(settings.depth),
             np.int32(tile.side), np.int32(first), np.int32(side), np.int32(to), out,
         )  # fmt: skip
         texels = (tile.triangles.firsts, tile.triangles.members, codes, tile.stiffness)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rhytid.device.buffer import Buffer
 from rhytid.device.launches import DrawingPace
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.bin_manifest import BinManifest, CushionLayer, TiltLine
+from rhytid.domain.bin_manifest import BinManifest, CushionLayer, GrainLayer, TiltLine
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.additions import DeviceEvents, DeviceGrain
 from rhytid.engine.device_assets.frames import DeviceFrames
@@ -45,7 +45,7 @@ from rhytid.pipeline.cushion import (
 )
 from rhytid.pipeline.cushion_layer import APRON
 from rhytid.pipeline.events import EVENT_ANSWER, EVENT_LAYER, event_codes, event_steps
-from rhytid.pipeline.grain import GRAIN, grain_amplitude, grain_layer, relief
+from rhytid.pipeline.grain import GRAIN, grain_amplitude, grain_exponent, relief
 from rhytid.pipeline.reach import SCALE_LIMIT
 from rhytid.pipeline.vectors import BYTES_A_TEXEL
 
@@ -241,7 +241,7 @@ def _manifest(
         soft_limits=response.soft_limits,
         pore_depth_limit=response.pore_depth_limit,
         cushion=_cushion(settings, cushion_factor),
-        grain=grain_layer(settings),
+        grain=GrainLayer(grain_exponent(settings)) if relief(settings) > 0.0 else None,
     )
 
 

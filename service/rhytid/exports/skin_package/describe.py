@@ -106,7 +106,7 @@ def _blend(maps: SkinMaps) -> m.Blend:
         soft_limits=bins.soft_limits,
         # A single bin has no angles for a line.
         tilt=m.Tilt(node=bins.tilt.node) if bins.tilt and len(bins.angles) > 1 else None,
-        grain=m.Grain(exponent=bins.grain.exponent, depth=bins.grain.depth) if bins.grain else None,
+        grain=m.Grain(exponent=bins.grain.exponent) if bins.grain else None,
     )
 
 

@@ -111,7 +111,6 @@ class Grain(_Part):
     """Noise of the neutral surface, added last."""
 
     exponent: float
-    depth: float = Field(description="so deep none would be left, mesh units")
 
 
 class Blend(_Part):

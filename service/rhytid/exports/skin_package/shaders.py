@@ -216,7 +216,6 @@ def _optional(manifest: Manifest, layers: dict[str, Layer]) -> list[tuple[str, N
         grain = layers["grain"]
         lines += [
             ("GRAIN_EXPONENT", blend.grain.exponent),
-            ("GRAIN_DEPTH", blend.grain.depth),
             ("GRAIN_STEP", grain.steps[0]),
             ("FIRST_GRAIN", grain.first),
         ]

@@ -166,7 +166,7 @@ float rhytid_height(ivec2 texel)
 #endif
 #if GRAIN
     vec4 gain = rhytid_weights_of(face, RHYTID_BINS + 1);
-    float left = clamp(1.0 + height / RHYTID_GRAIN_DEPTH, 0.25, 1.0);
+    float left = clamp(1.0 + height / RHYTID_DEPTH, 0.25, 1.0);
     float grain = rhytid_code(rhytid_maps, inner, base + RHYTID_FIRST_GRAIN);
     height += RHYTID_GRAIN_STEP * gain.x * left * grain;
 #endif
