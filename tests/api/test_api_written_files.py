@@ -16,9 +16,11 @@ from api.asking import built
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.patch import upload
+from rhytid.api.spool import Spool
 from rhytid.api.written_files import WrittenFiles
+from rhytid.engine import call_context
 from rhytid.engine.byte_budget import ByteBudget
-from rhytid.errors import BusyError
+from rhytid.errors import BusyError, CancelledError, HostBusyError, StorageError
 
 BODY = [b"01234", memoryview(b"56789")]
 LIMIT = 100
@@ -157,3 +159,82 @@ def test_a_download_in_ranges_asks_for_the_graph_once(tmp_path: Path) -> None:
         part(0)
         assert len(calls) == 2
         assert client.get(path, headers={"Range": "bytes=99999999-"}).status_code == 416
+
+
+def test_a_range_of_what_is_changed_meanwhile_is_all_of_what_there_is_now(tmp_path: Path) -> None:
+    engine = FakeEngine(polls=1)
+    graph = engine.assets.graph
+
+    def changed(asset: str) -> Any:
+        engine.assets.change(asset, {"depth": 0.125})
+        return graph(asset)
+
+    with serving(engine, store=tmp_path) as client:
+        path = f"/v1/assets/{built(client, upload())}/graph"
+        engine.assets.graph = changed  # type: ignore[method-assign]
+        answer = client.get(path, headers={"Range": "bytes=0-49"})
+        assert (answer.status_code, answer.headers["Cache-Control"]) == (200, "no-store")
+        assert len(answer.content) == int(answer.headers["Content-Length"]) > 50
+        assert client.get(path, headers={"Range": "bytes=0-49"}).status_code == 206
+
+
+def test_a_range_is_sent_where_the_disk_is_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The graph is asked for once for each."""
+
+    def full(spool: Spool, data: bytes) -> None:
+        raise StorageError("the disk is full")
+
+    engine, calls = FakeEngine(polls=1), []
+    graph = engine.assets.graph
+
+    def counted(asset: str) -> Any:
+        calls.append(asset)
+        return graph(asset)
+
+    with serving(engine, store=tmp_path) as client:
+        path = f"/v1/assets/{built(client, upload())}/graph"
+        whole = client.get(path).content
+        monkeypatch.setattr(Spool, "fill", full)
+        engine.assets.graph = counted  # type: ignore[method-assign]
+        for _ in range(2):
+            answer = client.get(path, headers={"Range": "bytes=7-49"})
+            assert (answer.status_code, answer.content) == (206, whole[7:50])
+        assert len(calls) == 2
+
+
+def test_who_waits_for_another_writer_stops_when_the_client_is_gone(files: WrittenFiles) -> None:
+    goes_on, begun = threading.Event(), threading.Event()
+
+    def slowly() -> Any:
+        begun.set()
+        assert goes_on.wait(10)
+        return BODY
+
+    def waits() -> Any:
+        with call_context.abandoned_when(lambda: True):
+            return read(files, range(10), Counted())
+
+    with ThreadPoolExecutor(2) as pool:
+        first = pool.submit(read, files, range(10), slowly)
+        assert begun.wait(10)
+        second = pool.submit(waits)
+        with pytest.raises(CancelledError):
+            second.result(5)
+        goes_on.set()
+        assert first.result() == b"0123456789"
+
+
+def test_who_waits_for_another_writer_waits_so_long_at_most(
+    files: WrittenFiles, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rhytid.api.written_files.PATIENCE", 0.2)
+    goes_on = threading.Event()
+    with ThreadPoolExecutor(1) as pool:
+        first = pool.submit(read, files, range(10), lambda: goes_on.wait(10) and BODY)
+        until(lambda: "a" in files._kept and files._kept["a"].writing.locked())
+        with pytest.raises(HostBusyError, match=r"another request wrote this file for 0\.2 s"):
+            read(files, range(10), Counted())
+        goes_on.set()
+        assert first.result() == b"0123456789"

@@ -24,7 +24,7 @@ from rhytid.support.settings import ServiceSettings
 LIGHT_THREADS = 32
 # Answers that are made at a time, of those from so many bytes on, and seconds that one waits.
 AT_ONCE, HUGE, PATIENCE = 2, 128 << 20, 60.0
-_LOOK = 0.1
+LOOK = 0.1
 # Seconds between two looks at a client: asking the event loop from another thread takes a while.
 _EVERY = 0.1
 # Places for jobs that are kept before those of ended jobs are looked for.
@@ -89,7 +89,7 @@ class LargeAnswers:
             yield
             return
         until = time.monotonic() + PATIENCE
-        while not self._free.acquire(timeout=_LOOK):
+        while not self._free.acquire(timeout=LOOK):
             call_context.check_abandoned()
             if time.monotonic() > until:
                 rule = f"{AT_ONCE} at a time where they have {HUGE} bytes or more"

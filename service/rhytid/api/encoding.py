@@ -249,33 +249,38 @@ def answer_stored(
 
     content: what there is now.  write: the file in pieces, or its lines one after the other, whose
     length is not known before and of which no range is sent.  files: keep it for the next range;
-    None where there are no ranges. Only writing takes a slot; raises BusyError, and what
-    `RequestMemory.answer` does.
+    None where there are no ranges. Only writing, and waiting for another who writes the same, take
+    a slot; raises BusyError, and what `RequestMemory.answer` and `WrittenFiles.opened` do.
     """
     wanted = content()
     headers = {"ETag": etag(wanted.key, kind, __version__), "Cache-Control": "no-cache"}
     if matches(request.headers.get("if-none-match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    asked = None if files is None else _AskedRange.of_head(request, headers["ETag"])
-    hold = memory.hold("answers", WORKING * wanted.nbytes)
+    tag, nbytes = headers["ETag"], wanted.nbytes
+    asked = None if files is None else _AskedRange.of_head(request, tag)
+    file = None if files is None or asked is None else files.kept(tag)
+    body: Written | None = None
+    hold = memory.hold("answers", WORKING * nbytes)
 
-    def written() -> Written:
-        with slot:
-            hold.resize(WORKING * wanted.nbytes)
-            return write()
-
-    def kept() -> list[bytes | memoryview] | None:
-        body = written()
+    def written() -> list[bytes | memoryview] | None:
+        """The pieces; None where they are of something else, since it was changed meanwhile."""
+        nonlocal body
+        hold.resize(WORKING * nbytes)
+        body = write()
         return body if isinstance(body, list) and content().key == wanted.key else None
 
-    if files is not None and asked is not None:
-        file = files.opened(headers["ETag"], wanted.nbytes, kept)
-        if file is not None:
-            memory.closing(file)
-            hold.resize(WORKING * min(PIECE, wanted.nbytes))
-            part, status, about = _about_part(asked, file.nbytes, headers)
-            return StreamingResponse(file.within(part, PIECE), status, about, media_type)
-    body = written()
+    if file is None:
+        with slot:
+            if files is not None and asked is not None:
+                file = files.opened(tag, nbytes, written)
+            if file is None and body is None:
+                written()
+    if file is not None:
+        memory.closing(file)
+        hold.resize(WORKING * min(PIECE, nbytes))
+        part, status, about = _about_part(asked, file.nbytes, headers)
+        return StreamingResponse(file.within(part, PIECE), status, about, media_type)
+    assert body is not None
     if content().key != wanted.key:  # changed while it was written
         headers, asked = {"Cache-Control": "no-store"}, None
     if not isinstance(body, list):

@@ -5,11 +5,15 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from rhytid.api.admission import LOOK, PATIENCE
 from rhytid.api.spool import Spool
+from rhytid.engine import call_context
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.errors import HostBusyError, HostMemoryError, StorageError
 
@@ -51,6 +55,20 @@ class WrittenFile:
         self._leave()
 
 
+@contextmanager
+def _in_turn(lock: threading.Lock) -> Iterator[None]:
+    """Hold the lock of who writes within the block; raises HostBusyError and CancelledError."""
+    until = time.monotonic() + PATIENCE
+    while not lock.acquire(timeout=LOOK):
+        call_context.check_abandoned()
+        if time.monotonic() > until:
+            raise HostBusyError(f"another request wrote this file for {PATIENCE:g} seconds")
+    try:
+        yield
+    finally:
+        lock.release()
+
+
 class WrittenFiles:
     """Files by their ETag, without a name on disk. Safe from any thread.
 
@@ -70,18 +88,27 @@ class WrittenFiles:
     ) -> WrittenFile | None:
         """The file with this ETag, which `write` gives unless it is kept; who asks while another
         has it written waits for the same. None where the disk has no room for it now, or `write`
-        gives None. Raises what `write` raises.
+        gives None. Raises what `write` raises, HostBusyError where another writes for too long, and
+        CancelledError where the client is gone meanwhile.
 
         nbytes: about as many as it has.
         """
         file = self._used(tag)
         try:
-            with file.writing:
+            with _in_turn(file.writing):
                 if file.spool is None and self._has_room(nbytes):
                     file.spool = self._spooled(write())
         except BaseException:
             self._left(tag, file)
             raise
+        return self._read(tag, file)
+
+    def kept(self, tag: str) -> WrittenFile | None:
+        """The file with this ETag; None where it is not written yet, or not kept. Does not wait."""
+        return self._read(tag, self._used(tag))
+
+    def _read(self, tag: str, file: _Kept) -> WrittenFile | None:
+        """The file for one of its users, who leaves it at once where there is none."""
         if file.spool is None:
             self._left(tag, file)
             return None
