@@ -57,6 +57,18 @@ def read(files: WrittenFiles, asked: range, write: Callable[[], Any]) -> bytes:
         return b"".join(file.within(asked, 2))
 
 
+def graphs_of(engine: FakeEngine) -> list[str]:
+    """The assets whose graphs are asked for from now on."""
+    calls, graph = list[str](), engine.assets.graph
+
+    def counted(asset: str) -> Any:
+        calls.append(asset)
+        return graph(asset)
+
+    engine.assets.graph = counted  # type: ignore[method-assign]
+    return calls
+
+
 def until(met: Callable[[], bool]) -> None:
     end = time.monotonic() + 10
     while not met():
@@ -135,17 +147,10 @@ def test_an_error_of_writing_keeps_nothing(files: WrittenFiles) -> None:
 
 def test_a_download_in_ranges_asks_for_the_graph_once(tmp_path: Path) -> None:
     """By several clients at a time; a change of settings makes it another file."""
-    engine, calls = FakeEngine(polls=1), []
-    graph = engine.assets.graph
-
-    def counted(asset: str) -> Any:
-        calls.append(asset)
-        return graph(asset)
-
+    engine = FakeEngine(polls=1)
     with serving(engine, store=tmp_path) as client:
         path = f"/v1/assets/{(asset := built(client, upload()))}/graph"
-        whole = client.get(path).content
-        engine.assets.graph = counted  # type: ignore[method-assign]
+        whole, calls = client.get(path).content, graphs_of(engine)
 
         def part(at: int) -> bytes:
             answer = client.get(path, headers={"Range": f"bytes={at}-{at + 49}"})
@@ -186,18 +191,11 @@ def test_a_range_is_sent_where_the_disk_is_full(
     def full(spool: Spool, data: bytes) -> None:
         raise StorageError("the disk is full")
 
-    engine, calls = FakeEngine(polls=1), []
-    graph = engine.assets.graph
-
-    def counted(asset: str) -> Any:
-        calls.append(asset)
-        return graph(asset)
-
+    engine = FakeEngine(polls=1)
     with serving(engine, store=tmp_path) as client:
         path = f"/v1/assets/{built(client, upload())}/graph"
-        whole = client.get(path).content
+        whole, calls = client.get(path).content, graphs_of(engine)
         monkeypatch.setattr(Spool, "fill", full)
-        engine.assets.graph = counted  # type: ignore[method-assign]
         for _ in range(2):
             answer = client.get(path, headers={"Range": "bytes=7-49"})
             assert (answer.status_code, answer.content) == (206, whole[7:50])
@@ -229,7 +227,7 @@ def test_who_waits_for_another_writer_stops_when_the_client_is_gone(files: Writt
 def test_who_waits_for_another_writer_waits_so_long_at_most(
     files: WrittenFiles, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rhytid.api.written_files.PATIENCE", 0.2)
+    monkeypatch.setattr("rhytid.api.admission.PATIENCE", 0.2)
     goes_on = threading.Event()
     with ThreadPoolExecutor(1) as pool:
         first = pool.submit(read, files, range(10), lambda: goes_on.wait(10) and BODY)

@@ -24,13 +24,30 @@ from rhytid.support.settings import ServiceSettings
 LIGHT_THREADS = 32
 # Answers that are made at a time, of those from so many bytes on, and seconds that one waits.
 AT_ONCE, HUGE, PATIENCE = 2, 128 << 20, 60.0
-LOOK = 0.1
+_LOOK = 0.1
 # Seconds between two looks at a client: asking the event loop from another thread takes a while.
 _EVERY = 0.1
 # Places for jobs that are kept before those of ended jobs are looked for.
 REMEMBERED = 1000
 # Live connections, in all and of one caller.
 MOST_LIVE, MOST_LIVE_EACH = 64, 16
+
+
+@contextmanager
+def in_turn(
+    free: threading.Lock | threading.Semaphore, blocked: str, rule: str = ""
+) -> Iterator[None]:
+    """Hold a lock, or a place of a semaphore, within the block. Raises HostBusyError, which says by
+    what it was blocked for how long, and CancelledError where the client is gone."""
+    until = time.monotonic() + PATIENCE
+    while not free.acquire(timeout=_LOOK):
+        call_context.check_abandoned()
+        if time.monotonic() > until:
+            raise HostBusyError(f"{blocked} for {PATIENCE:g} seconds{rule}")
+    try:
+        yield
+    finally:
+        free.release()
 
 
 class DeviceSlots:
@@ -88,16 +105,9 @@ class LargeAnswers:
         if nbytes < HUGE:
             yield
             return
-        until = time.monotonic() + PATIENCE
-        while not self._free.acquire(timeout=LOOK):
-            call_context.check_abandoned()
-            if time.monotonic() > until:
-                rule = f"{AT_ONCE} at a time where they have {HUGE} bytes or more"
-                raise HostBusyError(f"other answers were made for {PATIENCE:g} seconds: {rule}")
-        try:
+        rule = f": {AT_ONCE} at a time where they have {HUGE} bytes or more"
+        with in_turn(self._free, "other answers were made", rule):
             yield
-        finally:
-            self._free.release()
 
 
 class JobShare:

@@ -258,7 +258,8 @@ def answer_stored(
         return Response(status_code=304, headers=headers)
     tag, nbytes = headers["ETag"], wanted.nbytes
     asked = None if files is None else _AskedRange.of_head(request, tag)
-    file = None if files is None or asked is None else files.kept(tag)
+    kept_in = None if asked is None else files
+    file = None if kept_in is None else kept_in.kept(tag)
     body: Written | None = None
     hold = memory.hold("answers", WORKING * nbytes)
 
@@ -271,8 +272,8 @@ def answer_stored(
 
     if file is None:
         with slot:
-            if files is not None and asked is not None:
-                file = files.opened(tag, nbytes, written)
+            if kept_in is not None:
+                file = kept_in.opened(tag, nbytes, written)
             if file is None and body is None:
                 written()
     if file is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Awaitable
 from contextlib import ExitStack
 from pathlib import Path
@@ -14,9 +13,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from rhytid.api.admission import LargeAnswers
 from rhytid.api.spool import Spool
 from rhytid.engine.byte_budget import ByteBudget, Hold
-from rhytid.errors import HostBusyError, StorageError
 
-logger = logging.getLogger(__name__)
 _KEY = "rhytid.held"
 # In the scope of a request: messages of its answer that the server has taken.
 PIECES = "rhytid.pieces"
@@ -103,13 +100,7 @@ class RequestMemory:
         if not self._spool.has(len(body)):
             return None
         spool = self.spooled("answers")
-        try:
-            spool.fill(body)
-        except (HostBusyError, StorageError) as error:
-            logger.warning("an answer stays in memory: %s", error)
-            spool.close()
-            return None
-        return spool
+        return spool if spool.filled([body], "an answer stays in memory") else None
 
     def decode(self, nbytes: int) -> Hold:
         """Hold the memory that decoding and using an upload of so many bytes takes, or all of the
@@ -125,10 +116,7 @@ class RequestMemory:
 
     def spooled(self, purpose: str = "uploads") -> Spool:
         """Return a new file for a body."""
-        folder = self._folder if self._folder.is_dir() else None
-        spool = Spool(self._spool.hold(purpose), folder)
-        self._held.callback(spool.close)
-        return spool
+        return self.closing(Spool.at(self._folder, self._spool.hold(purpose)))
 
 
 class HoldUntilSent:

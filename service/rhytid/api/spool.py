@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from io import FileIO
 from pathlib import Path
 
 from starlette.concurrency import run_in_threadpool
 
 from rhytid.engine.byte_budget import Hold
+from rhytid.errors import HostBusyError, HostMemoryError, StorageError
 from rhytid.support.atomic_files import storage_errors
 
+logger = logging.getLogger(__name__)
 # Bytes that are gathered in memory before they are written; what is smaller needs no file.
 PIECE = 1 << 20
 
@@ -29,6 +32,11 @@ class Spool:
         self._room, self._folder = room, folder
         self._file: FileIO | None = None
         self._written, self._pending = 0, bytearray()
+
+    @classmethod
+    def at(cls, folder: Path, room: Hold) -> Spool:
+        """A new one in a folder, or where temporary files are if that does not exist."""
+        return cls(room, folder if folder.is_dir() else None)
 
     def write(self, data: bytes | memoryview) -> None:
         """Put bytes at the end; they are in memory until `settle`."""
@@ -62,6 +70,21 @@ class Spool:
             self._room.grow(len(data))
         self.size += len(data)
         self._append(data)
+
+    def filled(self, pieces: Iterable[bytes | memoryview], otherwise: str) -> bool:
+        """Whether the disk takes these pieces; it is closed where it does not, and a warning says
+        what happens otherwise."""
+        try:
+            for piece in pieces:
+                self.fill(piece)
+        except (HostBusyError, HostMemoryError, StorageError) as error:
+            logger.warning("%s: %s", otherwise, error)
+            self.close()
+            return False
+        except BaseException:
+            self.close()
+            raise
+        return True
 
     def descriptor(self) -> int:
         """Of a file with all of it, which stays the spool's; raises what `settle` does."""

@@ -3,21 +3,15 @@ that a download in many ranges costs the file once."""
 
 from __future__ import annotations
 
-import logging
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rhytid.api.admission import LOOK, PATIENCE
+from rhytid.api.admission import in_turn
 from rhytid.api.spool import Spool
-from rhytid.engine import call_context
 from rhytid.engine.byte_budget import ByteBudget
-from rhytid.errors import HostBusyError, HostMemoryError, StorageError
 
-logger = logging.getLogger(__name__)
 # Seconds for which a file is kept that nobody reads.
 IDLE = 60.0
 # The share of the budget that kept files may have.
@@ -55,20 +49,6 @@ class WrittenFile:
         self._leave()
 
 
-@contextmanager
-def _in_turn(lock: threading.Lock) -> Iterator[None]:
-    """Hold the lock of who writes within the block; raises HostBusyError and CancelledError."""
-    until = time.monotonic() + PATIENCE
-    while not lock.acquire(timeout=LOOK):
-        call_context.check_abandoned()
-        if time.monotonic() > until:
-            raise HostBusyError(f"another request wrote this file for {PATIENCE:g} seconds")
-    try:
-        yield
-    finally:
-        lock.release()
-
-
 class WrittenFiles:
     """Files by their ETag, without a name on disk. Safe from any thread.
 
@@ -95,7 +75,7 @@ class WrittenFiles:
         """
         file = self._used(tag)
         try:
-            with _in_turn(file.writing):
+            with in_turn(file.writing, "another request wrote this file"):
                 if file.spool is None and self._has_room(nbytes):
                     file.spool = self._spooled(write())
         except BaseException:
@@ -128,19 +108,8 @@ class WrittenFiles:
     def _spooled(self, pieces: Pieces | None) -> Spool | None:
         if pieces is None:
             return None
-        folder = self._folder if self._folder.is_dir() else None
-        spool = Spool(self._budget.hold("answers"), folder)
-        try:
-            for piece in pieces:
-                spool.fill(piece)
-        except (HostBusyError, HostMemoryError, StorageError) as error:
-            logger.warning("a file is written for each range of it: %s", error)
-            spool.close()
-            return None
-        except BaseException:
-            spool.close()
-            raise
-        return spool
+        spool = Spool.at(self._folder, self._budget.hold("answers"))
+        return spool if spool.filled(pieces, "a file is written for each range of it") else None
 
     def _used(self, tag: str) -> _Kept:
         with self._lock:
