@@ -7,7 +7,7 @@ import hashlib
 import json
 import re
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,6 +47,11 @@ class Record(NamedTuple):
 
     changed: int
     maps: dict[str, dict[str, str]]
+
+    @classmethod
+    def of(cls, file: Path) -> Record:
+        """What it has now; raises StorageError where it is damaged."""
+        return cls(_last_change(file), _load(file))
 
 
 @dataclass(frozen=True)
@@ -121,7 +126,7 @@ class Output:
     def records(self) -> dict[Path, Record]:
         """The records of all parts as they are now, by their files."""
         files = self.folder.glob(f"{glob.escape(self.name)}.bake*.json")
-        return {file: Record(_last_change(file), _load(file)) for file in files}
+        return {file: Record.of(file) for file in files}
 
     def drop_replaced(self, before: Mapping[Path, Record], parts: Iterable[FrameRange]) -> None:
         """Remove the records of others all of whose maps these parts have written anew, but not
@@ -130,10 +135,7 @@ class Output:
         was = {k: v for file in own & before.keys() for k, v in before[file].maps.items()}
         now = {k: v for file in own for k, v in _load(file).items()}
         anew = {name for name, entry in now.items() if entry != was.get(name)}
-        for file in before.keys() - own:
-            changed, maps = before[file]
-            if maps and maps.keys() <= anew and _last_change(file) == changed:
-                file.unlink(missing_ok=True)
+        _drop_replaced({file: before[file] for file in before.keys() - own}, anew)
 
     def recorded(self) -> set[Origin]:
         """What drew the maps of all parts, and how, by their records."""
@@ -270,8 +272,8 @@ class BakeRecord:
     def __init__(self, path: Path, others: Iterable[Path] = (), drawn_by: str = "") -> None:
         self._path, self._drawn_by = path, drawn_by
         self._maps = _load(path)
-        self._others = {other: _last_change(other) for other in others if other != path}
-        self._found = [self._maps, *map(_load, self._others)]
+        self._others = {other: Record.of(other) for other in others if other != path}
+        self._found = [self._maps, *(other.maps for other in self._others.values())]
         # Of each entry: to make those of a film of many thousand maps anew for each takes long.
         self._texts = {name: _entry_text(name, entry) for name, entry in self._maps.items()}
         self._added: set[str] = set()
@@ -328,9 +330,7 @@ class BakeRecord:
     def drop_replaced(self) -> None:
         """Remove the records of other parts all of whose maps this bake has written anew, but not
         one that its own bake has changed meanwhile."""
-        for (other, before), maps in zip(self._others.items(), self._found[1:], strict=True):
-            if maps and maps.keys() <= self._added and _last_change(other) == before:
-                other.unlink(missing_ok=True)
+        _drop_replaced(self._others, self._added)
 
     def _sha256(self, file: Path) -> str:
         now = _identity(file)
@@ -359,6 +359,14 @@ def _entry_text(name: str, entry: Mapping[str, str]) -> str:
     """An entry as it is in a record: JSON with an indent of 1, its keys in order."""
     lines = json.dumps({name: entry}, indent=1, sort_keys=True).split("\n")
     return "\n".join(f" {line}" for line in lines[1:-1])
+
+
+def _drop_replaced(records: Mapping[Path, Record], anew: Set[str]) -> None:
+    """Remove those of these records all of whose maps were written anew, but not one that its own
+    bake has changed meanwhile."""
+    for file, record in records.items():
+        if record.maps and record.maps.keys() <= anew and _last_change(file) == record.changed:
+            file.unlink(missing_ok=True)
 
 
 def _last_change(record: Path) -> int:
