@@ -8,7 +8,7 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
-from rhytid.support.memory_again import MemoryAgain
+from rhytid.engine.tiles.maps import MemoryAgain
 
 SHAPE = (64, 32)
 
