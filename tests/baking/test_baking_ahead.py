@@ -384,6 +384,38 @@ def test_no_file_of_a_map_is_begun_after_an_error() -> None:
     assert written == ["float"]
 
 
+def interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def test_a_signal_while_the_only_writer_is_waited_for_lets_it_end() -> None:
+    """Python takes a thread for ended whose `join` was interrupted (bpo-45274)."""
+    ended, writing = list[int](), threading.Event()
+
+    def write() -> int:
+        writing.set()
+        time.sleep(0.5)
+        ended.append(1)
+        return 1
+
+    def interrupt_the_wait(main: int) -> None:
+        writing.wait(60)
+        time.sleep(0.1)  # now it waits, most likely; else the signal is an error in the block
+        signal.pthread_kill(main, signal.SIGALRM)
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    sending = threading.Thread(target=interrupt_the_wait, args=(threading.get_ident(),))
+    sending.start()
+    try:
+        with pytest.raises(KeyboardInterrupt), FileWriters(1 << 20) as writers:
+            writers.submit(write)
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    found = len(ended)
+    sending.join()
+    assert found == 1
+
+
 def test_a_signal_while_writers_are_waited_for_lets_them_end() -> None:
     """Else what they write in is removed under them."""
     ended: list[int] = []
@@ -395,9 +427,6 @@ def test_a_signal_while_writers_are_waited_for_lets_them_end() -> None:
         may_end.wait(60)
         ended.append(1)
         return 1
-
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
 
     def interrupt_the_wait(ahead: int, main: int) -> None:
         """Once all writers write; they may end when what waits behind them is cancelled."""

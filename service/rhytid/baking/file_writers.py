@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 
 from rhytid.engine.byte_budget import ByteBudget, Hold
@@ -30,6 +30,8 @@ class FileWriters:
         self._pool = ThreadPoolExecutor(self.ahead, "rhytid-writer")
         self.under_way: dict[str, tuple[Path, Future[int]]] = {}
         self._stopping = threading.Event()
+        # What is neither written nor cancelled.
+        self._left: set[Future[int]] = set()
 
     def __enter__(self) -> FileWriters:
         return self
@@ -40,7 +42,7 @@ class FileWriters:
         writer."""
         try:
             if kind is None:
-                self._pool.shutdown()
+                self._end()
         except BaseException:
             self._stop()
             raise
@@ -50,7 +52,14 @@ class FileWriters:
     def _stop(self) -> None:
         self._stopping.set()
         # A copy waits for a file that was queued before it, so that is never cancelled under it.
-        self._pool.shutdown(cancel_futures=True)
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._end()
+
+    def _end(self) -> None:
+        # Not by threads alone: Python takes one whose `join` a signal has interrupted for ended
+        # (bpo-45274), and would not wait for it again.
+        wait({*self._left})
+        self._pool.shutdown()
 
     def check(self) -> None:
         """Raise CancelledError where no more files are to be begun."""
@@ -76,7 +85,10 @@ class FileWriters:
 
     def submit(self, write: Callable[[], int]) -> Future[int]:
         """Have files written."""
-        return self._pool.submit(write)
+        writing = self._pool.submit(write)
+        self._left.add(writing)
+        writing.add_done_callback(self._left.discard)
+        return writing
 
 
 def release_after(held: Hold, writing: Sequence[Future[int]]) -> None:
