@@ -25,7 +25,7 @@ def test_results_come_in_order_whatever_takes_longest() -> None:
         time.sleep(0.05 if item == 0 else 0.0)
         return item * item
 
-    assert [*on_all_cores(slow_first, range(20))] == [n * n for n in range(20)]
+    assert on_all_cores(slow_first, range(20)) == [n * n for n in range(20)]
 
 
 def test_short_work_does_not_wait_for_all_that_another_has_asked_for() -> None:
@@ -36,10 +36,10 @@ def test_short_work_does_not_wait_for_all_that_another_has_asked_for() -> None:
         begun.append(item)
         go.wait(10)
 
-    other = threading.Thread(target=lambda: [*on_all_cores(long, range(30))])
+    other = threading.Thread(target=lambda: on_all_cores(long, range(30)))
     other.start()
     threading.Timer(0.1, go.set).start()
-    before = [*on_all_cores(lambda _: len(begun), range(2))]
+    before = on_all_cores(lambda _: len(begun), range(2))
     other.join()
     assert max(before) < 30
     assert sorted(begun) == [*range(30)]
@@ -53,5 +53,5 @@ def test_what_has_not_begun_is_dropped_after_an_error() -> None:
         raise ValueError(item)
 
     with pytest.raises(ValueError, match="0"):
-        [*on_all_cores(fails, range(30))]
+        on_all_cores(fails, range(30))
     assert len(begun) <= 2 * 3

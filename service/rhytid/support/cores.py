@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import lru_cache
-from typing import TypeVar
+from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
 U = TypeVar("U")
+# Seconds after which work gives way to what others have asked for meanwhile.
+_TURN = 0.02
 
 
 def core_count() -> int:
@@ -20,25 +22,54 @@ def core_count() -> int:
     return os.cpu_count() or 1
 
 
-def on_all_cores(work: Callable[[T], U], items: Sequence[T]) -> Iterator[U]:
-    """Yield `work` of each item, in order. `work` spends its time in code that lets other threads
-    run, and calls no `on_all_cores` itself. Raises what `work` raises; items that have not begun
-    are dropped then."""
+def on_all_cores(work: Callable[[T], U], items: Sequence[T]) -> list[U]:
+    """`work` of each item, in their order. `work` spends its time in code that lets other threads
+    run, and calls no `on_all_cores` itself. Raises what `work` raises, of the first item that has
+    failed; items that have not begun are dropped then."""
     if len(items) < 2 or core_count() == 1:
-        yield from map(work, items)
-        return
-    # As many at a time as there are cores: what another thread asks for waits for no more of these.
-    begun = deque[Future[U]]()
-    try:
-        for item in items:
-            if len(begun) == core_count():
-                yield begun.popleft().result()
-            begun.append(_pool().submit(work, item))
-        while begun:
-            yield begun.popleft().result()
-    finally:
-        for one in begun:
-            one.cancel()
+        return [work(item) for item in items]
+    return _Shared(work, items).done()
+
+
+class _Shared(Generic[T, U]):
+    """Items that the threads of the pool take one after the other: to hand over each by itself
+    wakes two threads."""
+
+    def __init__(self, work: Callable[[T], U], items: Sequence[T]) -> None:
+        self._work, self._items = work, items
+        self._found: dict[int, U] = {}
+        self._errors: dict[int, BaseException] = {}
+        # Taken from by all threads, of which one runs Python at a time.
+        self._next = iter(range(len(items)))
+
+    def done(self) -> list[U]:
+        threads = [_pool().submit(self._turn) for _ in range(core_count())]
+        try:
+            while threads:
+                again = threads.pop(0).result()
+                if again is not None:
+                    threads.append(again)
+        finally:
+            self._next = iter(range(0))
+        if self._errors:
+            first = self._errors[min(self._errors)]
+            self._errors.clear()  # else they and the frames in their tracebacks hold each other
+            raise first
+        return [self._found[number] for number in range(len(self._items))]
+
+    def _turn(self) -> Future[Any] | None:
+        """Work on items. Where some are left after a turn, the next one, at the end of the
+        queue."""
+        until = time.monotonic() + _TURN
+        while (number := next(self._next, None)) is not None:
+            try:
+                self._found[number] = self._work(self._items[number])
+            except BaseException as error:  # noqa: BLE001 raised where the work was asked for
+                self._errors[number] = error
+                self._next = iter(range(0))
+            if time.monotonic() > until:
+                return _pool().submit(self._turn)
+        return None
 
 
 @lru_cache(maxsize=1)
