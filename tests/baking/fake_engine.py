@@ -17,9 +17,9 @@ from rhytid.engine.messages import (
     AssetInfo,
     FrameInfo,
     JobInfo,
+    MapPlan,
     MapQuery,
     TileDescription,
-    TilePlan,
 )
 from rhytid.formats.tile_header import TileHeader
 from rhytid.support.build_identity import drawing_version
@@ -47,6 +47,7 @@ class FakeEngine:
     def __init__(self) -> None:
         self.held: dict[str, NDArray[Any]] = {}
         self.drawn: list[tuple[str, int]] = []
+        self.in_halves: list[tuple[str, int]] = []
         self.digests: list[str] = []
         self.calibrated: list[float] = []
         self.revision, self.version = 0, drawing_version()
@@ -105,7 +106,7 @@ class FakeTiles(Part):
     def triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
         return np.zeros((SIDE, SIDE), np.int32)
 
-    def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
+    def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> MapPlan:
         engine, value = self.engine, self.engine.held[frame][0, 0]
         drawn = (query.method, query.stretch, query.sampling)
 
@@ -117,4 +118,9 @@ class FakeTiles(Part):
 
         key = self.key(asset, frame, query, MapAddress(udim, level), self.drawn_by)
         header = TileHeader("cm", frame, asset, *drawn, udim, level, 0, 0, 1.0)
-        return TilePlan(TileDescription(key, header, SIDE), draw)
+
+        def draw_halves() -> NDArray[np.float16]:
+            engine.in_halves.append((frame, udim))
+            return draw().astype(np.float16)
+
+        return MapPlan(TileDescription(key, header, SIDE), draw, draw_halves)

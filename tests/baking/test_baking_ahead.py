@@ -26,7 +26,7 @@ from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.engine.messages import TilePlan
 from rhytid.errors import CancelledError, StorageError
 from rhytid.exports.textures import profiles
-from rhytid.exports.textures.profiles import PROFILES
+from rhytid.exports.textures.profiles import PROFILES, halves_are_enough, profiles_of
 from rhytid.formats.exr import read_exr
 
 FRAMES = [0.25, 0.5, 0.75, 1.0, 1.25]
@@ -121,6 +121,28 @@ def test_a_surface_is_written_with_memory_for_one_map(engine: FakeEngine, tmp_pa
 
     assert len(list(tmp_path.glob("*.ply"))) == len(FRAMES)
     assert made.written == 2 * len(FRAMES)
+
+
+@pytest.mark.parametrize(
+    ("profiles", "surface", "halves"),
+    [
+        (["half"], False, True),
+        (["half", "png16"], False, False),
+        (["half"], True, False),
+    ],
+)
+def test_maps_of_half_floats_alone_are_drawn_as_such(
+    profiles: list[str], surface: bool, halves: bool, engine: FakeEngine, tmp_path: Path
+) -> None:
+    made = baker(engine, tmp_path, FRAMES, profiles=profiles)
+    made.asset = replace(made.asset, udims=(1001,))
+    made.geometry = Geometry(SQUARE, "ply", 1) if surface else None
+
+    made.run()
+
+    assert [udim for _, udim in engine.drawn] == [1001] * len(FRAMES)
+    assert engine.in_halves == (engine.drawn if halves else [])
+    assert halves_are_enough(profiles_of(["half", "weights"]))
 
 
 class Pool(ThreadPoolExecutor):

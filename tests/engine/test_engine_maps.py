@@ -26,7 +26,7 @@ from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets import levels
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.errors import QueryError
+from rhytid.errors import DeviceMemoryError, QueryError
 
 UDIMS = (1001, 1002, 1011, 1012)
 
@@ -138,22 +138,53 @@ def test_convolved_drawn_in_pieces_is_the_same_bits(made, monkeypatch, sampling)
 
 @pytest.mark.parametrize("query", QUERIES, ids=ids)
 def test_pieces_are_read_into_the_map(made, monkeypatch, query):
-    def draw():
-        return made.engine.tiles.plan_map(made.asset, "bent", query, 1001, 0).draw()
+    plan = made.engine.tiles.plan_map(made.asset, "bent", query, 1001, 0)
+    whole, outs, read = plan.draw(), [], Device.read_squares
 
-    whole, places, read = draw(), [], Device.read_square
-
-    def seen(*about):
-        places.append(read(*about))
-        return places[-1]
+    def seen(device, places, into):
+        outs.extend(into)
+        read(device, places, into)
 
     monkeypatch.setitem(levels._PIECE, query.method, 128)
-    monkeypatch.setattr(Device, "read_square", seen)
-    pieces = draw()
+    monkeypatch.setattr(Device, "read_squares", seen)
+    for draw in (plan.draw, plan.draw_halves):
+        outs.clear()
+        pieces = draw()
+        assert same([pieces], [whole.astype(pieces.dtype)])
+        assert len(outs) >= 4
+        assert all(np.shares_memory(one, pieces) for one in outs)
 
-    assert same([pieces], [whole])
-    assert len(places) >= 4
-    assert all(np.shares_memory(one, pieces) for one in places)
+
+@pytest.mark.parametrize("query", QUERIES, ids=ids)
+@pytest.mark.parametrize("level", [0, 1, 2, 8])
+def test_half_floats_of_a_map_are_its_numbers_rounded(made, monkeypatch, query, level):
+    def cleared():
+        asset = made.engine.assets._assets.get(made.asset)
+        loaded = made.engine._on_device.loaded(asset)
+        made.engine._on_device.run(loaded.mesh.cache.clear)
+
+    for piece in (2048, 128):
+        monkeypatch.setitem(levels._PIECE, query.method, piece)
+        for udim in UDIMS[:2]:
+            cleared()
+            plan = made.engine.tiles.plan_map(made.asset, "bent", query, udim, level)
+            fresh, whole, kept = plan.draw_halves(), plan.draw(), plan.draw_halves()
+            assert same([fresh, kept], [whole.astype(np.float16)] * 2)
+
+
+def test_half_floats_of_a_map_are_given_where_memory_is_short(made, monkeypatch):
+    plan, finest = made.engine.tiles.plan_map(made.asset, "bent", REDRAW, 1001, 0), []
+    whole, squares = plan.draw(), levels.DeviceLevels.squares
+
+    def short(*about):
+        finest.append(about)
+        raise DeviceMemoryError("no memory")
+
+    monkeypatch.setattr(levels.DeviceLevels, "squares", short)
+    found = plan.draw_halves()
+    monkeypatch.setattr(levels.DeviceLevels, "squares", squares)
+    assert finest
+    assert same([found], [whole.astype(np.float16)])
 
 
 def test_displacement_stays_within_its_scale(made):

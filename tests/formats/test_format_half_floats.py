@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rhytid.formats.half_floats import OVERFLOW, half_floats
+from rhytid.formats.half_floats import OVERFLOW, extremes, half_floats
 
 
 def same(values: np.ndarray) -> bool:
@@ -38,3 +38,10 @@ def test_arrays_of_any_shape_are_taken(shape: tuple[int, ...]) -> None:
     values = np.random.default_rng(2).normal(0.0, 1e-3, shape).astype(np.float32)
     assert same(values)
     assert same(values.swapaxes(0, 1))
+
+
+@pytest.mark.parametrize("ends", [(-3.0, 2.0), (1e-7, 0.25), (-5.0, -6e-8), (0.0, 0.0)])
+def test_extremes_are_the_least_and_the_greatest(ends: tuple[float, float]) -> None:
+    values = np.random.default_rng(3).uniform(*ends, (40, 50)).astype(np.float16)
+    assert extremes(values) == (values.min(), values.max())
+    assert all(one.dtype == np.float16 for one in extremes(values))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rhytid.formats.half_floats import OVERFLOW
-from rhytid.pipeline.levels import read_halves
+from rhytid.pipeline.levels import Part, read_halves, read_parts
 
 
 def read(device, values):
@@ -47,3 +47,22 @@ def test_what_half_floats_cannot_hold_is_found(device, value, place):
     values = np.full(512 * 512, -0.125, np.float32)
     values[place] = value
     assert read(device, values) is None
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float16])
+def test_parts_are_put_together_and_cut(device, dtype):
+    whole = np.random.default_rng(2).normal(0.0, 0.01, (128, 128)).astype(np.float32)
+    parts = [
+        Part(64 + y, 192 + x, 32, device.upload(whole[y : y + 32, x : x + 32]))
+        for y in range(0, 128, 32)
+        for x in range(0, 128, 32)
+    ]
+    together = np.full((130, 160), 7.0, dtype)
+    read_parts(device, parts, (64, 192, 128), together[1:129, 16:144])
+    cut = np.empty((16, 16), dtype)
+    read_parts(device, [Part(0, 64, 128, device.upload(whole))], (48, 96, 16), cut)
+
+    wanted = np.full((130, 160), 7.0, dtype)
+    wanted[1:129, 16:144] = whole
+    np.testing.assert_array_equal(together, wanted)
+    np.testing.assert_array_equal(cut, whole[48:64, 32:48].astype(dtype))

@@ -13,7 +13,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from rhytid.baking.assets import finish
 from rhytid.baking.due_files import DueMap, FileKeys, FrameInWork
@@ -30,6 +30,7 @@ from rhytid.domain.warnings import FILES_REPLACED, METHODS_MIXED
 from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import AssetInfo, MapQuery
 from rhytid.exports.textures.frame_map import Facts, FrameMap
+from rhytid.exports.textures.profiles import halves_are_enough
 from rhytid.exports.textures.writers import write_parts
 from rhytid.support.atomic_files import before_naming
 from rhytid.support.build_identity import drawing_version
@@ -37,8 +38,9 @@ from rhytid.support.console import Stopwatch, counted, detail
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
-    from rhytid.engine.messages import TilePlan
+    from rhytid.engine.messages import MapPlan
 
+T = TypeVar("T")
 # Bytes of the displacement of a texel.
 _DISPLACEMENT = 4
 
@@ -138,7 +140,7 @@ class Baker:
         def drawn() -> Iterator[tuple[int, Texels]]:
             self._put(place)
             for udim in self.asset.udims:
-                yield udim, self._draw(self._plan(place, udim))
+                yield udim, self._draw(self._plan(place, udim).draw)
             self.engine.frames.delete(self.asset.id, place.label)
 
         return self.frames.read(place), drawn()
@@ -159,7 +161,10 @@ class Baker:
         held = writers.hold(together) if surface else None
         found, drawn = [], {}
         for udim, plan in plans.items():
-            map = self._sources.map(frame.surface, plan, once(partial(self._draw, plan)))
+            halves = None
+            if not surface and halves_are_enough(one.profile for one in due[udim]):
+                halves = partial(self._draw, plan.draw_halves)
+            map = self._sources.map(frame.surface, plan, partial(self._draw, plan.draw), halves)
             self.output.describe(map, self._mesh_facts)
             if due[udim]:
                 found.append(self._begin(frame, map, due[udim], held))
@@ -176,7 +181,7 @@ class Baker:
 
     def _begun(
         self, record: BakeRecord, writers: FileWriters, place: FramePlace
-    ) -> tuple[FrameInWork, dict[int, TilePlan]]:
+    ) -> tuple[FrameInWork, dict[int, MapPlan]]:
         """Give a frame to the engine; the plans of its maps by UDIM."""
         with self.watch.step("stretch"):
             positions, _ = self._put(place)
@@ -248,14 +253,14 @@ class Baker:
         working = max((one.profile.working_bytes for one in due), default=0)
         return (_DISPLACEMENT + working) * int(self.asset.settings["resolution"]) ** 2
 
-    def _plan(self, place: FramePlace, udim: int) -> TilePlan:
+    def _plan(self, place: FramePlace, udim: int) -> MapPlan:
         return self.engine.tiles.plan_map(self.asset.id, place.label, self.query, udim, 0)
 
-    def _draw(self, plan: TilePlan) -> Texels:
+    def _draw(self, draw: Callable[[], T]) -> T:
         with self.watch.step(self.query.method):
-            return plan.draw()
+            return draw()
 
-    def _due_maps(self, frame: FrameInWork, plan: TilePlan) -> list[DueMap]:
+    def _due_maps(self, frame: FrameInWork, plan: MapPlan) -> list[DueMap]:
         """The files of one map that are not done."""
         return [
             DueMap(file, key, profile, frame.source(profile, file, key))
@@ -264,7 +269,7 @@ class Baker:
         ]
 
     def _due_surface(
-        self, frame: FrameInWork, plans: Mapping[int, TilePlan]
+        self, frame: FrameInWork, plans: Mapping[int, MapPlan]
     ) -> tuple[Path, str] | None:
         """The file of the surface of a frame, and its key, unless it is done."""
         one = self._files.of_surface(frame, _keys(plans))
@@ -288,7 +293,7 @@ class Baker:
         frame; None to hold those of this map."""
         alone = None if held else frame.writers.hold(self._map_bytes(due))
         if any(one.profile.drawn and one.source is None for one in due):
-            map.heights()
+            map.halves()
         if any(one.profile.posed and not one.profile.drawn for one in due):
             frame.surface.measured()  # which the engine has only while it holds the frame
         if any(one.profile.lagging for one in due):
@@ -360,5 +365,5 @@ class Baker:
         return positions, info.log_stretch["abs_p90"]
 
 
-def _keys(plans: Mapping[int, TilePlan]) -> dict[int, str]:
+def _keys(plans: Mapping[int, MapPlan]) -> dict[int, str]:
     return {udim: plan.key for udim, plan in plans.items()}

@@ -20,7 +20,7 @@ from rhytid.baking.request import Lag
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import MapAddress
 from rhytid.engine.frames import Frame
-from rhytid.engine.messages import AssetInfo, MapQuery
+from rhytid.engine.messages import AssetInfo, Halves, MapQuery
 from rhytid.exports.displaced import Samples, Subdivided
 from rhytid.exports.meshes import mesh_format
 from rhytid.exports.textures.frame_map import Chart, Facts, FrameMap, Padding, VertexField
@@ -111,14 +111,23 @@ class MapSources:
         )
 
     def map(
-        self, surface: FrameSurface, plan: TilePlan, heights: Callable[[], NDArray[np.float32]]
+        self,
+        surface: FrameSurface,
+        plan: TilePlan,
+        heights: Callable[[], Texels],
+        halves: Callable[[], Halves] | None = None,
     ) -> FrameMap:
-        """The map of a plan.  heights: draws its displacement."""
+        """The map of a plan.
+
+        heights: draws its displacement.  halves: draws it as half floats, where nothing needs more.
+        """
+        heights = once(heights)
         udim = plan.header.udim
         return FrameMap(
             plan.header,
             self._depth,
             heights,
+            once(halves) if halves else heights,
             self._paddings[udim],
             self._charts[udim],
             surface.posed,

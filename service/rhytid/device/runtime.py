@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import partial, wraps
 from typing import Any, Generic, TypeVar
@@ -372,37 +372,43 @@ class Device:
             self._queue.finish()
         return host[: math.prod(shape) * dtype.itemsize].view(dtype).reshape(shape)
 
-    def _copy_to(self, host: NDArray[Any], buffer: Buffer, **places: Any) -> None:
-        """Copy to the host and wait for it. The copy alone is timed, from when all launches are
-        done: it is enqueued before they are, so that the driver goes on to it by itself."""
+    def _copy_to(self, host: NDArray[Any], buffer: Buffer) -> None:
+        self._copy_all([(host, buffer, {})])
+
+    def _copy_all(self, copies: Sequence[_Copy]) -> None:
+        """Copy to the host and wait for all of it. The copies alone are timed, from when all
+        launches are done: they are enqueued before that, so that the driver goes on to them by
+        itself."""
         with driver_errors():
             launched = cl.enqueue_marker(self._queue)
-            copied = cl.enqueue_copy(self._queue, host, buffer.handle, is_blocking=False, **places)
+            for host, buffer, places in copies:
+                copied = cl.enqueue_copy(
+                    self._queue, host, buffer.handle, is_blocking=False, **places
+                )
             launched.wait()
             start = time.perf_counter_ns()
             copied.wait()
             self.figures.read_back(time.perf_counter_ns() - start)
 
-    @_stepped
     def read_square(
-        self, buffer: Buffer, stride: int, row: int, column: int, side: int,
-        out: NDArray[np.float32] | None = None,
-    ) -> NDArray[np.float32]:  # fmt: skip
+        self, buffer: Buffer, stride: int, row: int, column: int, side: int
+    ) -> NDArray[np.float32]:
         """(side, side) float32 from (row, column) on, of a buffer with rows of `stride` values;
-        waits as `read` does.
-
-        out: takes them and is returned; its rows may be parts of those of a larger array.
-        """
-        host = np.empty((side, side), np.float32) if out is None else out
-        apart = host.strides[0]
-        # From the first value to the last. What lies between two rows is not touched.
-        span = as_strided(host, ((side - 1) * apart // 4 + side,), (4,))
-        self._copy_to(
-            span, buffer,
-            buffer_origin=(4 * column, row, 0), host_origin=(0, 0, 0), region=(4 * side, side, 1),
-            buffer_pitches=(4 * stride,), host_pitches=(apart,),
-        )  # fmt: skip
+        waits as `read` does."""
+        host = np.empty((side, side), np.float32)
+        self.read_squares([(buffer, stride, row, column)], [host])
         return host
+
+    @_stepped
+    def read_squares(
+        self, places: Sequence[tuple[Buffer, int, int, int]], outs: Sequence[NDArray[Any]]
+    ) -> None:
+        """Several squares, as `read_square` reads one, with one wait for all.
+
+        places: buffer, stride, row and column of each.  outs: (side, side), takes its values, which
+        are of its type; its rows may be parts of those of a larger array.
+        """
+        self._copy_all([_square(*one) for one in zip(places, outs, strict=True)])
 
     def copy_square(
         self, source: Buffer, target: Buffer, to: tuple[int, int], side: int, item: int
@@ -476,6 +482,26 @@ class Device:
     def digest(self, program: str) -> str:
         """Twelve hexadecimal digits that change with the source of a program."""
         return rhytid_kernels.digest(program)
+
+
+# An array of the host, a buffer, and what of them is copied.
+_Copy = tuple[NDArray[Any], Buffer, Mapping[str, Any]]
+
+
+def _square(place: tuple[Buffer, int, int, int], out: NDArray[Any]) -> _Copy:
+    """The copy of a square, as `Device.read_squares` has it."""
+    buffer, stride, row, column = place
+    side, apart, size = len(out), out.strides[0], out.itemsize
+    # From the first value to the last. What lies between two rows is not touched.
+    span = as_strided(out, ((side - 1) * apart // size + side,), (size,))
+    places = {
+        "buffer_origin": (size * column, row, 0),
+        "host_origin": (0, 0, 0),
+        "region": (size * side, side, 1),
+        "buffer_pitches": (size * stride,),
+        "host_pitches": (apart,),
+    }
+    return span, buffer, places
 
 
 def _aligned(nbytes: int, zero: bool) -> NDArray[np.uint8]:

@@ -141,6 +141,17 @@ class TilePlan:
 
 
 @dataclass(frozen=True, eq=False)
+class MapPlan(TilePlan):
+    """A whole level of displacement that is named and not drawn yet.
+
+    draw_halves: as `draw`, as half floats, rounded to even, infinite where they cannot hold a
+    number: half as much to read from the device.
+    """
+
+    draw_halves: Callable[[], Halves]
+
+
+@dataclass(frozen=True, eq=False)
 class HalfTile:
     """A tile of displacement (n, n) as half floats, rounded to even, and its header."""
 

@@ -14,7 +14,7 @@ import io
 import struct
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeGuard
 
 import numpy as np
 import OpenEXR
@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 
 from rhytid.errors import QueryError, StorageError
 from rhytid.formats.deflate import deflated
-from rhytid.formats.half_floats import OVERFLOW, half_floats
+from rhytid.formats.half_floats import OVERFLOW, extremes, half_floats
 from rhytid.support.cores import on_all_cores
 
 Texels = NDArray[np.float32] | NDArray[np.float16]
 Attributes = Mapping[str, str | int | float]
-# Rows `start` to `stop` of a map as (stop - start, width) float32; (…, width, C) of C channels.
-Rows = Callable[[int, int], NDArray[np.float32]]
+# Rows `start` to `stop` of a map as (stop - start, width); (…, width, C) of C channels.
+Rows = Callable[[int, int], Texels]
 SIGNATURE = b"\x76\x2f\x31\x01"
 CHANNEL = "Y"
 # Those that are written here: their number in a file, and the rows of a block.
@@ -122,7 +122,7 @@ class _Blocks:
     channels: tuple[str, ...] = (CHANNEL,)
 
     @classmethod
-    def of(cls, rows: Callable[[int, int], Texels], side: tuple[int, ...], dtype: str,
+    def of(cls, rows: Rows, side: tuple[int, ...], dtype: str,
            compression: str, channels: tuple[str, ...] = (CHANNEL,)) -> _Blocks:  # fmt: skip
         """Compress a map, a strip of rows per core at a time."""
         height, width = side
@@ -132,14 +132,14 @@ class _Blocks:
 
         def strip(start: int) -> tuple[list[bytes], float, float]:
             found = rows(start, min(start + step, height))
-            ends = found.min(), found.max()
+            ends = _ends(found)
             stored = _stored(_by_channel(found, channels), dtype, ends)
             parts = range(0, len(stored), lines)
             blocks = [_block(stored[at : at + lines], compression) for at in parts]
             low, high = (float(np.asarray(end).astype(dtype)) for end in ends)
             return blocks, low, high
 
-        done = list(on_all_cores(strip, starts))
+        done = on_all_cores(strip, starts)
         ends = np.array([(low, high) for _, low, high in done])
         blocks = [block for strips, _, _ in done for block in strips]
         low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
@@ -186,6 +186,15 @@ class _Whole:
         except (OSError, RuntimeError) as exc:
             raise StorageError(f"cannot write an EXR file: {exc}") from exc
         return [stream.getvalue()]
+
+
+def _ends(rows: Texels) -> tuple[np.floating, np.floating]:
+    """The least and the greatest of some rows."""
+    return extremes(rows) if _are_halves(rows) else (rows.min(), rows.max())
+
+
+def _are_halves(rows: Texels) -> TypeGuard[NDArray[np.float16]]:
+    return rows.dtype == np.float16
 
 
 def _stored(rows: Texels, dtype: str, ends: tuple[np.floating, np.floating]) -> Texels:

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 # The first float32 that rounds to no half float.
 OVERFLOW = 65520.0
+# The code of the negative zero.
+_NEGATIVE = 0x8000
 # Numbers that are converted at a time: what is in between stays in the cache.
 _PIECE = 1 << 15
 _EXPONENT, _SIGN = np.uint32(0x7F800000), np.uint32(0x8000)
@@ -55,3 +57,15 @@ def _convert(some: NDArray[np.float32], room: Any, least: Any, codes: Any) -> No
     np.bitwise_and(sign, _SIGN, out=sign)
     np.bitwise_or(rounded, sign, out=rounded)
     np.copyto(codes, rounded, casting="unsafe")
+
+
+def extremes(halves: NDArray[np.float16]) -> tuple[np.float16, np.float16]:
+    """The least and the greatest of half floats that are all numbers, by their codes: numpy
+    converts each of them to compare it, which takes ten times as long."""
+    codes = halves.view("<u2")
+    low, high = codes.max(), halves.view("<i2").max().astype("<u2")
+    if low < _NEGATIVE:  # none has a sign, so that codes ascend as the numbers do
+        low = codes.min()
+    if high >= _NEGATIVE:  # all have one
+        high = codes.min()
+    return low.view(np.float16), high.view(np.float16)

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
+from rhytid.pipeline.work import Square
 
 # Draws level 0: (row, column, side) in texels, all multiples of a block, to side² float32.
 Draw = Callable[[int, int, int], Buffer]
@@ -100,6 +102,53 @@ def read_halves(device: Device, buffer: Buffer, side: int) -> NDArray[np.float16
     if found.max() >= _INFINITE | _NEGATIVE or found.view(np.int16).max() >= _INFINITE:
         return None
     return found.view(np.float16)
+
+
+def read_parts(
+    device: Device, parts: Sequence[Part], place: Square, out: NDArray[np.float32 | np.float16]
+) -> None:
+    """Read a square of level 0 that several parts make up, or that lies in one.
+
+    out: (side, side) takes it; where it is of half floats each number is rounded to even, and
+    infinite where they cannot hold it.
+    """
+    if out.dtype == np.float16:
+        codes = _joined_halves(device, parts, place)
+        device.read_squares([(codes, place[2], 0, 0)], [out.view(np.uint16)])
+        codes.release()
+        return
+    cuts = [_cut(part, place) for part in parts]
+    device.read_squares(
+        [(part.buffer, part.side, *cut.first) for part, cut in zip(parts, cuts, strict=True)],
+        [out[y : y + n, x : x + n] for _, (y, x), n in cuts],
+    )
+
+
+def _joined_halves(device: Device, parts: Sequence[Part], place: Square) -> Buffer:
+    """The bits of half floats of a square."""
+    codes = device.empty(place[2] ** 2, np.uint16)
+    for part in parts:
+        (top, left), (y, x), n = _cut(part, place)
+        first, to = top * part.side + left, y * place[2] + x
+        numbers = map(np.int32, (first, part.side, to, place[2]))
+        device.launch("halves", "half_square", (n // 16, n), part.buffer, *numbers, codes)
+    return codes
+
+
+class _Cut(NamedTuple):
+    """What a part and a square have in common: (row, column) in the part, in the square, and its
+    texels per side."""
+
+    first: tuple[int, int]
+    to: tuple[int, int]
+    side: int
+
+
+def _cut(part: Part, place: Square) -> _Cut:
+    row, column, side = place
+    top, left = max(part.row, row), max(part.column, column)
+    inside, to = (top - part.row, left - part.column), (top - row, left - column)
+    return _Cut(inside, to, min(part.side, side))
 
 
 def _halve(device: Device, part: Part, coarse: Buffer, side: int) -> None:

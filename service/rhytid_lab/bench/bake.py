@@ -25,7 +25,7 @@ from rhytid.baking.assets import build
 from rhytid.baking.baker import Baker
 from rhytid.baking.frame_names import FramePlace
 from rhytid.baking.frames import FrameFiles
-from rhytid.baking.map_sources import Geometry, MapSources, once
+from rhytid.baking.map_sources import Geometry, MapSources
 from rhytid.baking.output import Output
 from rhytid.baking.request import Lag
 from rhytid.baking.run_warnings import RunWarnings
@@ -34,7 +34,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import AssetInfo, MapQuery, NewAsset
 from rhytid.exports.textures.frame_map import FrameMap
-from rhytid.exports.textures.profiles import PROFILES
+from rhytid.exports.textures.profiles import PROFILES, halves_are_enough
 from rhytid.formats.meshes import MeshFile
 from rhytid.support.console import Stopwatch
 from rhytid.support.cores import core_count
@@ -200,14 +200,16 @@ class _Maker:
         frame before is another one: the maps of the last frame are kept."""
         asset, label, positions = self.asset.id, place.label, frames.read(place)
         maps: list[FrameMap] = []
+        enough = self.geometry is None and halves_are_enough(self.output.profiles)
 
         def draw() -> None:
             self.engine.frames.put(asset, label, positions)
             surface = self.sources.surface(place, positions)
             for udim in self.asset.udims:
                 plan = self.engine.tiles.plan_map(asset, label, self.query, udim, 0)
-                maps.append(self.sources.map(surface, plan, once(plan.draw)))
-                maps[-1].heights()
+                halves = plan.draw_halves if enough else None
+                maps.append(self.sources.map(surface, plan, plan.draw, halves))
+                maps[-1].halves()
 
         drawn = _timed(draw)
         files = _timed(partial(self._write, place, positions, maps))

@@ -60,7 +60,8 @@ def frame_map(mesh: Mesh, triangles: NDArray[np.int32]) -> FrameMap:
     found = lambda: padding, lambda: chart, lambda: posed, lambda: WEIGHTS
     stretch, blood = VertexField(STRETCH, mesh.faces), VertexField(STRETCH[:, :1], mesh.faces)
     fields = lambda: stretch, lambda: blood, {"fps": 25.0}
-    return FrameMap(HEADER, DEPTH, lambda: HEIGHTS, *found, *fields, lambda level: MOMENTS)
+    heights = lambda: HEIGHTS, lambda: HEIGHTS
+    return FrameMap(HEADER, DEPTH, *heights, *found, *fields, lambda level: MOMENTS)
 
 
 def written(name: str, drawn: FrameMap, folder: Path, level: int = 0) -> Texture:
@@ -101,6 +102,17 @@ def test_floats_are_displacement_itself(
     np.testing.assert_array_equal(found.texels[..., 0], HEIGHTS.astype(kind), strict=True)
     assert found.attributes["oiio:ColorSpace"] == "data"
     assert number(found, "minimum") == HEIGHTS.astype(kind).min()
+
+
+@pytest.mark.parametrize("compression", ["zip", "none", "piz"])
+def test_half_floats_that_are_drawn_as_such_are_the_same_file(
+    compression: str, drawn: FrameMap, tmp_path: Path
+) -> None:
+    profile, files = PROFILES["half"].compressed(compression), []
+    for texels in (HEIGHTS, HEIGHTS.astype(np.float16)):
+        files.append(tmp_path / f"{texels.dtype}.exr")
+        profile.write(files[-1], replace(drawn, halves=lambda found=texels: found), {})
+    assert files[0].read_bytes() == files[1].read_bytes()
 
 
 @pytest.mark.parametrize("name", ["mip", "tx"])

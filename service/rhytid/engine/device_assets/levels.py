@@ -11,8 +11,10 @@ import math
 import time
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
 from rhytid.domain.asset_settings import AssetSettings
@@ -22,13 +24,15 @@ from rhytid.engine.device_assets.mesh import DeviceMesh
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import Halves, MapQuery, Tile
 from rhytid.formats.tiles import half_tile
-from rhytid.pipeline.levels import Levels, Part, coarser, read_halves
+from rhytid.pipeline.levels import Levels, Part, coarser, read_halves, read_parts
 from rhytid.pipeline.work import BLOCK, Square
 
 # Level-0 texels per side of a piece, the most that one task of the device draws. Wrinkles are drawn
-# best in large launches; the other methods go tile by tile, and four tiles of the usual size are
-# one launch of the blend. A piece of `binned` is a tile where that is larger.
-_PIECE = {"neutral": 2048, "redraw": 2048, "binned": 1024, "convolved": 1024}
+# best in large launches, and sixteen tiles of the usual size are one launch of the blend. A piece
+# of `binned` is a tile where that is larger.
+_PIECE = {"neutral": 2048, "redraw": 2048, "binned": 2048, "convolved": 1024}
+# Of coarser levels of `binned`, at most: a tile of theirs would draw four times what it needs.
+_COARSE_PIECE = 1024
 # These methods keep arrays of each tile from one frame to the next.
 _BY_TILE = ("binned", "convolved")
 # Those of which a piece is smaller where drawing it would take long.
@@ -37,6 +41,8 @@ _BY_WORK = ("neutral", "redraw")
 _PLENTY = 8
 # Texels per side of the finest level of the mip tail, at most.
 _TAIL = 512
+# A square of float32 or of half floats, to which its numbers are rounded then.
+Room = NDArray[Any]
 
 
 class DeviceLevels:
@@ -54,7 +60,7 @@ class DeviceLevels:
     def pieces(self, query: MapQuery, udim: int, level: int, square: Square) -> list[Square]:
         """The pieces that a square of a level below the mip tail, or of its finest level, is drawn
         in, each in a task of its own. Safe from any thread."""
-        found = self._finest.pieces(query, udim, _finer(square, level))
+        found = self._finest.pieces(query, udim, _finer(square, level), coarse=level > 0)
         return [(row >> level, column >> level, side >> level) for row, column, side in found]
 
     def is_long(self, query: MapQuery, udim: int, square: Square) -> bool:
@@ -67,8 +73,8 @@ class DeviceLevels:
         return max(finest >> level, 1)
 
     def squares(
-        self, frame: Frame, query: MapQuery, udim: int, level: int, places: Mapping[Square, Tile]
-    ) -> dict[Square, Tile]:
+        self, frame: Frame, query: MapQuery, udim: int, level: int, places: Mapping[Square, Room]
+    ) -> dict[Square, Room]:
         """Of some squares of a level, each inside one piece: the kept ones, and the first that is
         not kept, which is drawn. Other tasks run before the next one is drawn.
 
@@ -86,8 +92,8 @@ class DeviceLevels:
 
     def square_alone(
         self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square,
-        out: Tile | None = None,
-    ) -> Tile:  # fmt: skip
+        out: Room | None = None,
+    ) -> Room:  # fmt: skip
         """One square of a level, drawn from the smallest part of level 0 that it needs; nothing is
         kept.  out: memory that one of level 0 is read into."""
         frame, place = _frame_of(frame, query), _finer(square, level)
@@ -131,8 +137,8 @@ class DeviceLevels:
         return 8 * 4 * self._base.settings.resolution**2 // 3 <= self._base.device.budget.limit
 
     def _kept(
-        self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square, out: Tile
-    ) -> Tile | None:
+        self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square, out: Room
+    ) -> Room | None:
         frame, place = _frame_of(frame, query), _finer(square, level)
         if level == 0:
             return self._finest.cropped(frame, query, udim, place, out)
@@ -141,8 +147,8 @@ class DeviceLevels:
         return None if levels is None else self._of_levels(levels, level, square, piece)
 
     def _made(
-        self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square, out: Tile
-    ) -> Tile:
+        self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square, out: Room
+    ) -> Room:
         if level == 0 or not self._keeps:
             return self.square_alone(frame, query, udim, level, square, out)
         frame, place = _frame_of(frame, query), _finer(square, level)
@@ -207,26 +213,28 @@ class DeviceFinest:
         found = read_halves(self._base.device, part.buffer, part.side)
         return half_tile(self._read(part)) if found is None else found
 
-    def pieces(self, query: MapQuery, udim: int, place: Square) -> list[Square]:
-        """The pieces that a square of level 0 is drawn in, each in a task of its own. Safe from any
-        thread."""
-        work, largest = self._base.elements[udim].work, self._largest(query)
+    def pieces(self, query: MapQuery, udim: int, place: Square, *, coarse: bool) -> list[Square]:
+        """The pieces that a square of level 0 is drawn in, each in a task of its own.  coarse: for
+        a coarser level. Safe from any thread."""
+        work, largest = self._base.elements[udim].work, self._largest(query, coarse=coarse)
         return work.cut(place, self._most(query, udim), largest)
 
     def is_piece(self, query: MapQuery, udim: int, place: Square) -> bool:
         """Whether a square of level 0 is drawn in one task. Safe from any thread."""
-        work, largest = self._base.elements[udim].work, self._largest(query)
+        work, largest = self._base.elements[udim].work, self._largest(query, coarse=False)
         return work.is_piece(place, self._most(query, udim), largest)
 
     def piece_of(self, query: MapQuery, udim: int, place: Square) -> Square:
-        """The piece that a square of level 0 lies in."""
-        work, largest = self._base.elements[udim].work, self._largest(query)
+        """The piece for coarser levels that a square of level 0 lies in."""
+        work, largest = self._base.elements[udim].work, self._largest(query, coarse=True)
         return work.around(place, self._most(query, udim), largest)
 
-    def _largest(self, query: MapQuery) -> int:
-        """Level-0 texels per side of the largest piece."""
+    def _largest(self, query: MapQuery, *, coarse: bool) -> int:
+        """Level-0 texels per side of the largest piece, for level 0 or for a coarser one."""
         side = min(_PIECE[query.method], self._base.settings.resolution)
-        return max(side, self._base.tile_side) if query.method == "binned" else side
+        if query.method != "binned":
+            return side
+        return max(min(side, _COARSE_PIECE) if coarse else side, self._base.tile_side)
 
     def _most(self, query: MapQuery, udim: int) -> float:
         """The work of a piece, at most."""
@@ -283,8 +291,8 @@ class DeviceFinest:
                 buffer.release()
 
     def cropped(
-        self, frame: Frame, query: MapQuery, udim: int, place: Square, out: Tile | None = None
-    ) -> Tile | None:
+        self, frame: Frame, query: MapQuery, udim: int, place: Square, out: Room | None = None
+    ) -> Room | None:
         """A square of level 0, out of itself or the piece around it, whichever is kept; None where
         neither is.  out: memory that it is read into."""
         buffer, larger = self._find_finest(frame, query, udim, place), place
@@ -292,8 +300,7 @@ class DeviceFinest:
             buffer = self._find_finest(frame, query, udim, larger)
         if buffer is None:
             return None
-        row, column = place[0] - larger[0], place[1] - larger[1]
-        return self._base.device.read_square(buffer, larger[2], row, column, place[2], out)
+        return self.joined([Part(*larger, buffer)], place, out)
 
     def _find_finest(
         self, frame: Frame, query: MapQuery, udim: int, place: Square
@@ -316,14 +323,11 @@ class DeviceFinest:
         found: Tile = self._base.device.read(part.buffer, (part.side, part.side), np.float32)
         return found
 
-    def joined(self, parts: Sequence[Part], place: Square, out: Tile | None = None) -> Tile:
-        """A square put together from its parts.  out: memory that they are read into."""
-        row, column, side = place
-        whole: Tile = np.empty((side, side), np.float32) if out is None else out
-        for part in parts:
-            y, x = part.row - row, part.column - column
-            here = whole[y : y + part.side, x : x + part.side]
-            self._base.device.read_square(part.buffer, part.side, 0, 0, part.side, here)
+    def joined(self, parts: Sequence[Part], place: Square, out: Room | None = None) -> Room:
+        """A square that its parts make up, or lies in one.  out: memory that it is read into, as
+        its numbers are."""
+        whole = np.empty((place[2], place[2]), np.float32) if out is None else out
+        read_parts(self._base.device, parts, place, whole)
         return whole
 
 

@@ -20,7 +20,7 @@ from rhytid.engine.assets.asset import Asset
 from rhytid.engine.assets.on_device import DeviceAssets
 from rhytid.engine.device_assets.levels import DeviceLevels
 from rhytid.engine.frames import Frame
-from rhytid.engine.messages import MapQuery, Tile
+from rhytid.engine.messages import Halves, MapQuery, Tile
 from rhytid.errors import BusyError, CancelledError, ChangingError, DeviceMemoryError
 from rhytid.pipeline.work import Square
 
@@ -126,12 +126,26 @@ class MapDrawing:
         where even a single tile cannot be drawn, CancelledError where nobody waits for the square
         any more.
         """
+        return self._of_type(np.float32, asset, frame, query, udim, level, square)
+
+    def halves(
+        self, asset: Asset, frame: Frame, query: MapQuery, udim: int, level: int, square: Square
+    ) -> Halves:
+        """As `square`, as half floats, rounded to even, infinite where they cannot hold a
+        number."""
+        return self._of_type(np.float16, asset, frame, query, udim, level, square)
+
+    def _of_type(
+        self, dtype: DTypeLike, asset: Asset, frame: Frame, query: MapQuery, udim: int, level: int,
+        square: Square,
+    ) -> NDArray[Any]:  # fmt: skip
         for _ in range(_ATTEMPTS):
             settings = asset.settings
             drawing = _Square(self._on_device, asset, frame, query, udim, self.memory)
-            tile = drawing.draw(level, square)
-            if tile is not None and asset.settings is settings:
-                return tile
+            found = drawing.draw(level, square, np.dtype(dtype))
+            if found is not None and asset.settings is settings:
+                # Of float32 where it is so coarse, or memory was so short, that it has no place.
+                return found.astype(dtype, copy=False)
         raise ChangingError(f"the settings of asset {asset.id} change while its map is drawn")
 
 
@@ -154,24 +168,25 @@ class _Square:
         self._query, self._about = query, (frame, query, udim)
         self._waits = False
 
-    def draw(self, level: int, square: Square) -> Tile | None:
-        """A square of a level; None where the settings changed meanwhile."""
+    def draw(self, level: int, square: Square, dtype: np.dtype[Any]) -> NDArray[Any] | None:
+        """A square of a level, of `dtype` or of float32; None where the settings changed
+        meanwhile."""
         tail = self._resident.levels.tail
         if level < tail:
-            return self._of_pieces(level, square)
+            return self._of_pieces(level, square, dtype)
         tile: Tile | None = self._run(DeviceLevels.of_tail, *self._about, level, square)
         if tile is None:
             whole = (0, 0, self._settings.grid.side(tail))
-            finest = self._of_pieces(tail, whole)
+            finest = self._of_pieces(tail, whole, np.dtype(np.float32))
             tile = self._run(
                 DeviceLevels.of_tail, *self._about, level, square, finest, self._settings
             )
         return tile
 
-    def _of_pieces(self, level: int, square: Square) -> Tile:
+    def _of_pieces(self, level: int, square: Square, dtype: np.dtype[Any]) -> NDArray[Any]:
         """A square of a level that is drawn from level 0, piece by piece."""
         pieces = self._resident.levels.pieces(self._query, self._about[2], level, square)
-        out: Tile = self._memory.empty((square[2], square[2]), np.float32)
+        out = self._memory.empty((square[2], square[2]), dtype)
         if len(pieces) == 1:
             return self._some(level, {square: out})[square]
         while pieces:
@@ -184,11 +199,11 @@ class _Square:
             pieces = [piece for piece in some if piece not in found] + others
         return out
 
-    def _some(self, level: int, missing: dict[Square, Tile]) -> dict[Square, Tile]:
+    def _some(self, level: int, missing: dict[Square, NDArray[Any]]) -> dict[Square, NDArray[Any]]:
         """At least the first of some squares, each of which lies inside of a piece; those of level
         0 in their places, which are given, unless memory is short."""
         try:
-            found: dict[Square, Tile] = self._run(
+            found: dict[Square, NDArray[Any]] = self._run(
                 DeviceLevels.squares, *self._about, level, missing
             )
             return found
@@ -217,7 +232,7 @@ class _Square:
         )
 
 
-def _view(out: Tile, whole: Square, square: Square) -> Tile:
+def _view(out: NDArray[Any], whole: Square, square: Square) -> NDArray[Any]:
     """The part of `out`, which holds the square `whole`, that a square in it has."""
     y, x, side = square[0] - whole[0], square[1] - whole[1], square[2]
     return out[y : y + side, x : x + side]

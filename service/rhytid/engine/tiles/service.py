@@ -24,6 +24,7 @@ from rhytid.engine.messages import (
     DrawnTile,
     HalfTile,
     Halves,
+    MapPlan,
     MapQuery,
     Tile,
     TileDescription,
@@ -100,9 +101,13 @@ class TileService(Tiles):
         draw = partial(self._half_tile, found, drawn, query, address, side)
         return HalfTile(spent_on(query.method, draw), _header(found, name, query, address))
 
-    def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
+    def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> MapPlan:
         """A whole level of a UDIM; raises what `plan` does."""
-        return self.plan(asset, frame, query, MapAddress(udim, level))
+        plan = self.plan(asset, frame, query, MapAddress(udim, level))
+        found = self._assets.get(asset)
+        where = (udim, level, (0, 0, plan.description.side))
+        halves = partial(self._maps.halves, found, found.frame(frame), query, *where)
+        return MapPlan(plan.description, plan.draw, partial(spent_on, query.method, halves))
 
     def key(
         self,

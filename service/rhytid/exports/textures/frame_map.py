@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy
@@ -20,6 +20,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import udim_origin
 from rhytid.errors import MeshError
 from rhytid.exports.textures.tangents import Posed
+from rhytid.formats.exr_encoder import Texels
 from rhytid.formats.tile_header import TileHeader
 from rhytid.support.cores import on_all_cores
 
@@ -44,16 +45,19 @@ class FrameMap:
     once.
 
     header: of the map.  depth: of a furrow of strength 1, mesh units.  heights: (R, R) float32
-    displacement, mesh units, row 0 at the top.  padding: of the texels next to islands.  chart: its
-    texels on the mesh.  posed: the surface of the frame.  weights: (F, 3, 2) of corners, stretch
-    and compression.  stretch: log stretch at vertices, as `vertex_stretch` has it.  blood: (1, ) of
-    vertices, as `BloodFlow` has it.  lag: facts of how late it follows.  slopes: of a
-    level, moments (n, n, 5) of slopes and the share (n, n) of each texel that has skin.
+    displacement, mesh units, row 0 at the top.  halves: the same, for who
+    needs half floats of it; float32, too, where others need that.  padding: of the texels next to
+    islands.  chart: its texels on the mesh.  posed: the surface of the frame.  weights: (F, 3, 2)
+    of corners, stretch and compression.  stretch: log stretch at vertices, as `vertex_stretch` has
+    it.  blood: (1, ) of vertices, as `BloodFlow` has it.  lag: facts of how late it follows.
+    slopes: of a level, moments (n, n, 5) of slopes and the share (n, n) of each texel that has
+    skin.
     """
 
     header: TileHeader
     depth: float
     heights: Callable[[], NDArray[np.float32]]
+    halves: Callable[[], Texels]
     padding: Callable[[], Padding]
     chart: Callable[[], Chart]
     posed: Callable[[], Posed]
@@ -192,10 +196,10 @@ class Padding:
         found: NDArray[np.int32] = np.where(self.texels[at] == texels, self.sources[at], texels)
         return found
 
-    def rows(self, heights: NDArray[np.float32], start: int, stop: int) -> NDArray[np.float32]:
-        """Rows `start` to `stop` of `padded(heights)`."""
+    def rows(self, heights: Texels, start: int, stop: int) -> NDArray[Any]:
+        """Rows `start` to `stop` of `padded(heights)`, of the same type."""
         side = heights.shape[1]
-        out: NDArray[np.float32] = heights[start:stop].copy()
+        out: NDArray[Any] = heights[start:stop].copy()
         # Of the same type, else numpy converts all of the numbers to search among them.
         ends = np.array([start * side, stop * side], self.texels.dtype)
         part = slice(*np.searchsorted(self.texels, ends))
@@ -215,7 +219,7 @@ def texels_inside(triangles: NDArray[np.int32], uv_edges: FloatArray) -> NDArray
     side = len(triangles)
     rows = max(TEXELS // side, 1)
     parts = [slice(start, min(start + rows, side)) for start in range(0, side, rows)]
-    return np.concatenate([*on_all_cores(partial(_rows_inside, triangles, uv_edges), parts)])
+    return np.concatenate(on_all_cores(partial(_rows_inside, triangles, uv_edges), parts))
 
 
 def _rows_inside(

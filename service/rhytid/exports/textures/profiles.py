@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -28,7 +28,8 @@ class Profile:
     None where a library has written it.  packed: whether `--compression` is for it.  facts: for
     readers of the files, the same for all files of an asset.
     described: whether the facts are in a file beside them, too.  drawn: whether it shows
-    displacement, and not only the stretch of the frame.  posed: whether it reads the positions of
+    displacement, and not only the stretch of the frame.  halves: whether half floats of it are
+    enough.  posed: whether it reads the positions of
     the frame, too.  lagging: whether it reads those of frames before it.  of_slopes: whether it is
     made of moments of slopes.  tiled: whether it needs OpenImageIO.  renamed: a file with another
     text for one of its attributes; None where there is no quick way.
@@ -45,6 +46,7 @@ class Profile:
     described: bool = True
     packed: bool = False
     drawn: bool = True
+    halves: bool = False
     posed: bool = False
     lagging: bool = False
     tiled: bool = False
@@ -107,7 +109,7 @@ _ALL = (
     ),
     Profile(
         "half", "half-2", ".exr", _UDIM_FIRST, 2.0, 8,
-        writers.write_half, writers.plain_facts, described=False, packed=True,
+        writers.write_half, writers.plain_facts, described=False, packed=True, halves=True,
     ),
     Profile(
         "png16", "png16-3", ".png", f"png16.{_UDIM_FIRST}", 2.0, 24,
@@ -190,3 +192,8 @@ def profiles_of(
     for profile in found:
         profile.check()
     return found
+
+
+def halves_are_enough(profiles: Iterable[Profile]) -> bool:
+    """Whether none of some profiles needs more of the displacement than half floats."""
+    return all(profile.halves for profile in profiles if profile.drawn)

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,7 @@ from rhytid.domain.wording import install_hint
 from rhytid.errors import InputError, StorageError
 from rhytid.exports.textures.frame_map import TEXELS, Chart, Facts, FrameMap, attributes
 from rhytid.exports.textures.tangents import FloatArray, Posed, dot, unit
-from rhytid.formats.exr_encoder import exr_body
+from rhytid.formats.exr_encoder import Texels, exr_body
 from rhytid.formats.png import encode_png
 from rhytid.formats.tiles import quantise
 from rhytid.support.atomic_files import (
@@ -79,18 +78,28 @@ def cavity_facts(map: FrameMap) -> Facts:
 
 def write_float(path: Path, map: FrameMap, facts: Facts, compression: str = "zip") -> str:
     """Write OpenEXR of floats, padded next to islands."""
-    return _write_bordered(path, map, facts, "float32", compression)
+    return _write_bordered(path, map, map.heights(), facts, "float32", compression)
 
 
 def write_half(path: Path, map: FrameMap, facts: Facts, compression: str = "zip") -> str:
     """Write OpenEXR of half floats, padded next to islands."""
-    return _write_bordered(path, map, facts, "float16", compression)
+    return _write_bordered(path, map, map.halves(), facts, "float16", compression)
 
 
-def _write_bordered(path: Path, map: FrameMap, facts: Facts, dtype: str, compression: str) -> str:
-    heights, padding = map.heights(), map.padding()
-    rows = partial(padding.rows, heights)
-    body = exr_body(rows, (len(heights), heights.shape[1]), dtype, compression)
+def _write_bordered(
+    path: Path,
+    map: FrameMap,
+    texels: Texels,
+    facts: Facts,
+    dtype: str,
+    compression: str,
+) -> str:
+    padding = map.padding()
+
+    def rows(start: int, stop: int) -> Texels:
+        return padding.rows(texels, start, stop)
+
+    body = exr_body(rows, (len(texels), texels.shape[1]), dtype, compression)
     return write_parts(path, body.parts(attributes(map.header, facts, body.minimum, body.maximum)))
 
 
