@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import dask
 import numpy as np
 import pytest
 
@@ -66,6 +67,12 @@ def maps(folder: Path) -> dict[str, bytes]:
 
 def names(folder: Path) -> list[str]:
     return sorted(file.name for file in folder.iterdir())
+
+
+def test_processes_are_not_profiled(cluster: Cluster) -> None:
+    """In Python 3.11 that may hang one for good: gh-106883."""
+    asked = cluster.client.run(lambda: dask.config.get("distributed.worker.profile.enabled"))
+    assert [*asked.values()] == [False, False]
 
 
 @pytest.mark.slow

@@ -26,6 +26,10 @@ _START = f"dask worker ADDRESS --nthreads 1 --resources {RESOURCE}=1"
 # Dask gives a process up for good where no worker of its name is there so long after one has ended:
 # also where that was not the last one to end, or where a machine with much to do starts slowly.
 _KEPT = {"distributed.deploy.lost-worker-timeout": "1000 days"}
+# Dask would have the C library give maps back to the system, which then clears them anew. And its
+# profiler looks at the frames of all threads: where Python 3.11 collects garbage meanwhile, the
+# process hangs for good (gh-106883).
+_WORKERS = {"distributed.nanny.pre-spawn-environ": {}, "distributed.worker.profile.enabled": False}
 # Where Ctrl-C ends the client at once, `multiprocessing` removes semaphores of Dask, and would warn
 # of them after the last line of the command.
 _QUIET = "ignore:resource_tracker"
@@ -94,8 +98,7 @@ def local_cluster(devices: Sequence[str | None], folder: Path, quiet: bool) -> I
     }
     options = {"host": "127.0.0.1", "port": 0, **_NO_DASHBOARD}
     scheduler = {"cls": "distributed.Scheduler", "options": options}
-    # Dask would have the C library give maps back to the system, which then clears them anew.
-    config = {"temporary-directory": str(folder), "distributed.nanny.pre-spawn-environ": {}}
+    config = {"temporary-directory": str(folder), **_WORKERS}
     with dask.config.set(_KEPT):
         # Ctrl-C at a terminal reaches the whole group: the workers are ended from here.
         with without_sigint(), dask.config.set(config), _warnings_off(_QUIET):
