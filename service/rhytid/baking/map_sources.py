@@ -19,11 +19,20 @@ from rhytid.baking.frames import FrameFiles
 from rhytid.baking.request import Lag
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import MapAddress
+from rhytid.engine.device_assets.slopes import neighbour_codes
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import AssetInfo, Halves, MapQuery
 from rhytid.exports.displaced import Samples, Subdivided
 from rhytid.exports.meshes import mesh_format
-from rhytid.exports.textures.frame_map import Chart, Facts, FrameMap, Padding, VertexField
+from rhytid.exports.textures.frame_map import (
+    Chart,
+    Facts,
+    FrameMap,
+    Padding,
+    VertexField,
+    local_edges,
+)
+from rhytid.exports.textures.normals import NormalChart
 from rhytid.exports.textures.stretch import corner_weights, vertex_stretch
 from rhytid.exports.textures.tangents import Posed
 from rhytid.formats.tile_header import TileHeader
@@ -78,8 +87,8 @@ class FrameSurface:
 class MapSources:
     """Makes the maps of an asset from its mesh and its frames.
 
-    Charts are kept, 10 bytes per texel of each UDIM, and so are paddings, which are small. Safe
-    from any thread.
+    Charts are kept, 10 bytes per texel of each UDIM, 14 for cavity, 5 for normal maps, and so are
+    paddings, which are small. Safe from any thread.
     """
 
     def __init__(
@@ -93,6 +102,9 @@ class MapSources:
         charts = {udim: once(partial(self._found_chart, udim)) for udim in asset.udims}
         paddings = {udim: once(partial(self._found_padding, udim)) for udim in asset.udims}
         self._charts, self._paddings = charts, paddings
+        self._normal_charts = {
+            udim: once(partial(self._found_normal_chart, udim)) for udim in asset.udims
+        }
 
     def surface(self, place: FramePlace, positions: NDArray[np.float32]) -> FrameSurface:
         """The surface of a frame that the engine holds.  positions: (V, 3)."""
@@ -136,7 +148,15 @@ class MapSources:
             surface.blood,
             self._lag,
             partial(self._slopes, surface, plan.header, heights),
+            partial(self._normals, surface, udim, heights),
         )
+
+    def _normals(
+        self, surface: FrameSurface, udim: int, heights: Callable[[], Texels], green: int
+    ) -> NDArray[np.uint16]:
+        chart = self._normal_charts[udim]()
+        posed = surface.posed()
+        return self._engine.tiles.normal_codes(self._asset.id, chart, posed, heights(), green)
 
     def _slopes(
         self, surface: FrameSurface, header: TileHeader, heights: Callable[[], Texels], level: int
@@ -148,6 +168,11 @@ class MapSources:
 
     def _found_chart(self, udim: int) -> Chart:
         return Chart.of(self._mesh, udim, self._triangles(udim))
+
+    def _found_normal_chart(self, udim: int) -> NormalChart:
+        triangles, mesh = self._triangles(udim), self._mesh
+        codes = neighbour_codes(mesh, udim, triangles)
+        return NormalChart(triangles, codes, local_edges(mesh, udim))
 
     def _found_padding(self, udim: int) -> Padding:
         return Padding.of(self._mesh, udim, self._triangles(udim), self._reach)

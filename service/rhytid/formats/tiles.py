@@ -22,6 +22,8 @@ __all__ = ["FORMATS", "Encoded", "TileFormat", "TileHeader", "encode", "quantise
 Tile = NDArray[np.float32]
 # Those that moments of slopes can be asked for in, and what their values are.
 OF_SLOPES = ("npy", "exr")
+# Texels that are quantised at a time: their doubles stay in the cache.
+_AT_ONCE = 1 << 16
 SLOPE_CHANNELS = ("x", "y", "xx", "xy", "yy")
 
 
@@ -73,9 +75,15 @@ def slope_parts(moments: Tile, attributes: Mapping[str, str | int | float]) -> l
 
 def quantise(tile: Tile, scale: float) -> NDArray[np.uint16]:
     """16 bit codes p with h = (p - 32768)/32767 · scale; what lies beyond ±scale is clipped."""
-    codes = np.rint(tile * (32767.0 / np.float64(scale))) + 32768.0
-    clipped: NDArray[np.uint16] = np.clip(codes, 0, 65535).astype(np.uint16)
-    return clipped
+    out = np.empty(tile.shape, np.uint16)
+    step = max(_AT_ONCE // max(tile.shape[1], 1), 1)
+    for start in range(0, len(tile), step):
+        codes = tile[start : start + step] * (32767.0 / np.float64(scale))
+        np.rint(codes, out=codes)
+        codes += 32768.0
+        np.clip(codes, 0.0, 65535.0, out=codes)
+        out[start : start + step] = codes
+    return out
 
 
 def _npy(tile: Tile, header: TileHeader) -> bytes:
@@ -113,5 +121,5 @@ FORMATS = {
     "f16": TileFormat(_f16, "application/octet-stream", ".f16", 3),
     "exr": TileFormat(encode_exr, "image/x-exr", ".exr", 3, compressed=True),
     "exr16": TileFormat(_exr16, "image/x-exr", ".exr", 3, compressed=True),
-    "png": TileFormat(_png, "image/png", ".png", 6, compressed=True),
+    "png": TileFormat(_png, "image/png", ".png", 3, compressed=True),
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tracemalloc
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,14 @@ def drawn() -> FrameMap:
     return frame_map(MESH, all_triangles(MESH, SIDE))
 
 
+def codes_of_normals(inside: NDArray[np.bool_], green: int) -> NDArray[np.uint16]:
+    """Of unit vectors, green against v where it is -1; straight outside."""
+    vectors = np.random.default_rng(8).normal((0.0, 0.0, 1.0), (0.3, 0.3, 0.0), (*inside.shape, 3))
+    vectors[~inside] = 0.0, 0.0, 1.0
+    vectors /= np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return ((vectors * [1, green, 1] * 0.5 + 0.5) * 65535 + 0.5).astype(np.uint16)
+
+
 def frame_map(mesh: Mesh, triangles: NDArray[np.int32]) -> FrameMap:
     """HEIGHTS on a mesh, whose texels show these triangles."""
     chart = Chart.of(mesh, 1001, triangles)
@@ -61,7 +70,8 @@ def frame_map(mesh: Mesh, triangles: NDArray[np.int32]) -> FrameMap:
     stretch, blood = VertexField(STRETCH, mesh.faces), VertexField(STRETCH[:, :1], mesh.faces)
     fields = lambda: stretch, lambda: blood, {"fps": 25.0}
     heights = lambda: HEIGHTS, lambda: HEIGHTS
-    return FrameMap(HEADER, DEPTH, *heights, *found, *fields, lambda level: MOMENTS)
+    made = lambda level: MOMENTS, partial(codes_of_normals, chart.inside)
+    return FrameMap(HEADER, DEPTH, *heights, *found, *fields, *made)
 
 
 def written(name: str, drawn: FrameMap, folder: Path, level: int = 0) -> Texture:
@@ -158,13 +168,14 @@ def test_normals_of_both_kinds_differ_in_green_alone(drawn: FrameMap, tmp_path: 
     np.testing.assert_allclose(length, 1.0, atol=4e-5)
 
 
-def test_green_is_up_in_gl(drawn: FrameMap, tmp_path: Path) -> None:
-    """Where the surface rises with v, its normal leans to smaller v: green below the middle."""
-    rising = np.linspace(0.3, 0.0, SIDE, dtype=np.float32)[:, None].repeat(SIDE, 1)
-    flat = replace(drawn, heights=lambda: rising)
-    found = written("normal-gl", flat, tmp_path)
+@pytest.mark.parametrize(("name", "green"), [("normal-gl", 1), ("normal-dx", -1)])
+def test_green_is_up_in_gl(name: str, green: int, drawn: FrameMap, tmp_path: Path) -> None:
+    found = written(name, drawn, tmp_path)
 
-    assert (found.texels[..., 1] < 32000).all()
+    wanted = drawn.normals(green)
+    drawn.padding().fill(wanted)
+    np.testing.assert_array_equal(found.texels, wanted)
+    assert number(found, "maximum") == pytest.approx(wanted.max() / 65535 * 2 - 1)
 
 
 def test_cavity_is_what_lies_below_its_surroundings(drawn: FrameMap, tmp_path: Path) -> None:
@@ -461,11 +472,18 @@ def test_a_file_takes_no_more_memory_than_told(
     name: str, compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     side, strip = 512, 1 << 12  # so that strips are as small beside it as they are beside 4096²
-    for module, size in ((frame_maps, "TEXELS"), (writers, "TEXELS"), (exr_encoder, "_STRIP")):
+    for module, size in ((frame_maps, "TEXELS"), (exr_encoder, "_STRIP")):
         monkeypatch.setattr(module, size, strip)
     noise = np.random.default_rng(5).uniform(-0.03, 0.02, (side, side)).astype(np.float32)
+    codes = codes_of_normals(np.ones((side, side), np.bool_), 1)
     first, drawn = (
-        replace(frame_map(MESH, all_triangles(MESH, side)), heights=lambda: noise) for _ in range(2)
+        replace(
+            frame_map(MESH, all_triangles(MESH, side)),
+            heights=lambda: noise,
+            halves=lambda: noise,
+            normals=lambda green: codes.copy(),
+        )
+        for _ in range(2)
     )
     profile = PROFILES[name].compressed(compression)
     facts = profile.all_facts(drawn)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from exports.textures.patches import (
     all_triangles,
@@ -18,21 +22,60 @@ from exports.textures.patches import (
     unit,
     waves,
 )
+from meshes import SmallMesh, deform
+from reference import slopes as reference_slopes
+from reference.normals import normals
 from rhytid.domain.mesh import Mesh
-from rhytid.exports.textures.frame_map import Chart
+from rhytid.engine.device_assets.slopes import neighbour_codes
+from rhytid.exports.textures.frame_map import Chart, local_edges
+from rhytid.exports.textures.normals import NormalChart
 from rhytid.exports.textures.tangents import Posed
-from rhytid.exports.textures.writers import normal_map
+from rhytid.pipeline.normals import normal_codes
+
+if TYPE_CHECKING:
+    from rhytid.device.runtime import Device
 
 FloatArray = NDArray[np.float64]
+Drawn = Callable[..., FloatArray]
 
 
-def drawn(mesh: Mesh, heights: FloatArray, posed: FloatArray | None = None) -> FloatArray:
-    """The map of some heights; posed: positions of a frame."""
-    chart = Chart.of(mesh, 1001, all_triangles(mesh, len(heights)))
-    positions = mesh.positions if posed is None else posed.astype(np.float32)
-    found = normal_map(heights.astype(np.float32), chart, Posed.of(mesh, positions))
-    np.testing.assert_allclose(np.linalg.norm(found, axis=-1), 1.0, atol=1e-6)
-    return found.astype(np.float64)
+@pytest.fixture(scope="module")
+def drawn(device: Device) -> Drawn:
+    def found(mesh: Mesh, heights: FloatArray, posed: FloatArray | None = None) -> FloatArray:
+        """The map of some heights; posed: positions of a frame."""
+        positions = mesh.positions if posed is None else posed.astype(np.float32)
+        map = decoded(codes_of(device, mesh, positions, heights, slice(0, len(heights))))
+        np.testing.assert_allclose(np.linalg.norm(map, axis=-1), 1.0, atol=3e-5)
+        return map
+
+    return found
+
+
+def codes_of(
+    device: Device,
+    mesh: Mesh,
+    positions: NDArray[np.float32],
+    heights: FloatArray,
+    rows: slice,
+    green: int = 1,
+) -> NDArray[np.uint16]:
+    """Codes of the normals of some rows; texels next to triangles show the nearest, as the service
+    pads."""
+    triangles = all_triangles(mesh, len(heights))
+    away, (row, column) = ndimage.distance_transform_edt(
+        triangles == len(mesh.faces), return_indices=True
+    )
+    triangles = np.where(away < 3, triangles[row, column], triangles)
+    codes = neighbour_codes(mesh, 1001, triangles)
+    chart = NormalChart(triangles, codes, local_edges(mesh, 1001))
+    records = chart.records(Posed.of(mesh, positions))
+    given = (heights.astype(np.float32), triangles, codes, records)
+    return normal_codes(device, *given, rows, green)
+
+
+def decoded(codes: NDArray[np.uint16]) -> FloatArray:
+    found: FloatArray = codes / 65535.0 * 2.0 - 1.0
+    return found
 
 
 def shaded(map: FloatArray, along: FloatArray, normal: FloatArray, sign: float = 1.0) -> FloatArray:
@@ -42,9 +85,39 @@ def shaded(map: FloatArray, along: FloatArray, normal: FloatArray, sign: float =
     return unit(x * tangent + y * sign * np.cross(normal, tangent) + z * normal)
 
 
+@pytest.mark.parametrize("strength", [0.4, 0.01])
+@pytest.mark.parametrize("green", [1, -1])
+def test_codes_are_those_of_double(
+    device: Device, small_mesh: SmallMesh, strength: float, green: int
+) -> None:
+    """Within two codes of 65535, on a sheet of two islands that is bent, texel by texel."""
+    mesh, side = Mesh(*small_mesh), 128
+    positions = deform(mesh.positions, 3, strength)
+    heights = 0.008 * np.random.default_rng(5).standard_normal((side, side))
+    triangles = all_triangles(mesh, side)
+    own = reference_slopes.surface(positions, mesh.faces, mesh.uv, mesh.face_uv)
+    slopes, inside = reference_slopes.slopes(
+        heights.astype(np.float32).astype(np.float64), triangles, own
+    )
+    wanted = normals(slopes, inside, triangles, own) * [1, green, 1]
+    assert 0.2 < inside.mean() < 1.0
+    assert wanted[inside, 2].min() < 0.8
+
+    parts = [slice(start, min(start + 48, side)) for start in range(0, side, 48)]
+    found = np.concatenate(
+        [codes_of(device, mesh, positions, heights, part, green) for part in parts]
+    )
+
+    codes = (wanted * 0.5 + 0.5) * 65535
+    assert np.abs(found - codes).max() <= 2.5
+    np.testing.assert_array_equal(
+        found[~inside], np.broadcast_to([32768, 32768, 65535], found[~inside].shape)
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_a_curved_patch_is_shaded_as_the_displaced_mesh(mirrored: bool) -> None:
+def test_a_curved_patch_is_shaded_as_the_displaced_mesh(drawn: Drawn, mirrored: bool) -> None:
     """Within 0.3 degrees where slopes reach 19. What is left out, h over the radius of curvature,
     is 0.8 % of the slopes; differences over two texels and the 48 facets make up the rest."""
     mesh = grid_mesh(curved, 48, mirrored=mirrored)
@@ -65,7 +138,7 @@ def test_a_curved_patch_is_shaded_as_the_displaced_mesh(mirrored: bool) -> None:
     assert np.sqrt(np.mean(error**2)) < 0.15
 
 
-def test_the_metric_is_that_of_the_frame() -> None:
+def test_the_metric_is_that_of_the_frame(drawn: Drawn) -> None:
     """A patch that is flat and square in the neutral, curved and sheared in the frame."""
 
     def flat(u: FloatArray, v: FloatArray) -> FloatArray:
@@ -80,7 +153,7 @@ def test_the_metric_is_that_of_the_frame() -> None:
     assert error.max() < 0.3
 
 
-def test_normals_that_are_interpolated_are_not_of_length_1() -> None:
+def test_normals_that_are_interpolated_are_not_of_length_1(drawn: Drawn) -> None:
     """A shader takes them as they are. A cylinder of three facets, with heights that rise along it:
     the slope is the same everywhere, though normals are short in the middle of a facet."""
 
@@ -104,7 +177,7 @@ def test_normals_that_are_interpolated_are_not_of_length_1() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_plane_under_any_straight_uv_is_exact(seed: int) -> None:
+def test_a_plane_under_any_straight_uv_is_exact(drawn: Drawn, seed: int) -> None:
     """Heights that rise evenly on a plane have one normal, whatever the UV are."""
     rng = np.random.default_rng(seed)
     to_uv = rng.uniform(-1, 1, (2, 2))
@@ -126,10 +199,11 @@ def test_a_plane_under_any_straight_uv_is_exact(seed: int) -> None:
     assert (
         degrees_between(found[covered], np.broadcast_to(wanted, found[covered].shape)).max() < 0.01
     )
-    np.testing.assert_array_equal(map[~covered], np.broadcast_to([0, 0, 1], map[~covered].shape))
+    straight = decoded(np.array([32768, 32768, 65535]))
+    np.testing.assert_array_equal(map[~covered], np.broadcast_to(straight, map[~covered].shape))
 
 
-def test_islands_do_not_lean_on_each_other() -> None:
+def test_islands_do_not_lean_on_each_other(drawn: Drawn) -> None:
     """Two islands side by side, at different heights: flat each, so that every normal is straight;
     a difference over the gap would be a wall."""
     left = np.array([[0, 0], [0.5, 0], [0.5, 1], [0, 1]])
@@ -158,7 +232,7 @@ def test_tangents_are_shared_where_uv_are_and_apart_over_seams() -> None:
     np.testing.assert_allclose(lean, 0.0, atol=1e-12)
 
 
-def test_a_triangle_without_area_in_a_frame_is_flat() -> None:
+def test_a_triangle_without_area_in_a_frame_is_flat(drawn: Drawn) -> None:
     """As a lid that closes: no slopes, and no texel that is no number."""
     mesh = grid_mesh(curved, 8)
     u, v = centres()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,9 +40,17 @@ from rhytid.formats.tile_header import TileHeader
 from rhytid.formats.tiles import half_tile
 from rhytid.pipeline.bins import HEADROOM
 from rhytid.pipeline.elements import LineSources
+from rhytid.pipeline.normals import normal_codes
 from rhytid.pipeline.reach import SCALE_LIMIT
 from rhytid.pipeline.work import Square
 from rhytid.support.build_identity import drawing_version
+
+if TYPE_CHECKING:
+    from rhytid.exports.textures.normals import NormalChart
+    from rhytid.exports.textures.tangents import Posed
+
+# Texels of normal maps that one task of the device draws.
+_NORMALS = 1 << 21
 
 
 class TileService(Tiles):
@@ -169,6 +178,26 @@ class TileService(Tiles):
         """
         found = self._assets.get(asset)
         return self._slopes.of_heights(found, frame, query, place, heights)
+
+    def normal_codes(
+        self, asset: str, chart: NormalChart, posed: Posed, heights: Tile, green: int
+    ) -> NDArray[np.uint16]:
+        """(R, R, 3) codes of the normals of a UDIM, as `pipeline.normals.normal_codes` has them,
+        some rows in a task. Raises what `plan` does.
+
+        posed: the surface of the frame.  heights: (R, R) displacement of level 0, drawn already.
+        """
+        found, side = self._assets.get(asset), len(heights)
+        given = (heights, chart.triangles, chart.codes, chart.records(posed))
+        out, step = np.empty((side, side, 3), np.uint16), max(_NORMALS // side, 1)
+
+        def draw(rows: slice, resident: DeviceAsset) -> NDArray[np.uint16]:
+            return normal_codes(resident.mesh.device, *given, rows, green)
+
+        for start in range(0, side, step):
+            rows = slice(start, min(start + step, side))
+            out[rows] = self._on_device.use(found, partial(draw, rows), patiently=True)
+        return out
 
     def cushion_lines(self, asset: str, udim: int) -> LineSources:
         """What the wrinkles of a UDIM answer to stretch by; raises NotFoundError where an asset has

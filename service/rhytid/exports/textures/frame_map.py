@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -31,6 +31,8 @@ Facts = dict[str, str | int | float]
 Sampled = Callable[[NDArray[np.int32], FloatArray], FloatArray]
 # Texels that are worked on at once: some 40 doubles each.
 TEXELS = 1 << 18
+# The square around a texel, as a share of the side of a map: some 4 mm on a face that fills it.
+AROUND = 1.0 / 64.0
 # Tolerance of a barycentric weight: the device looks up with UV that are rounded to float32.
 _ROUNDED = 1e-4
 # Texels a side of what is searched at once, beside the margin around it.
@@ -51,7 +53,8 @@ class FrameMap:
     of corners, stretch and compression.  stretch: log stretch at vertices, as `vertex_stretch` has
     it.  blood: (1, ) of vertices, as `BloodFlow` has it.  lag: facts of how late it follows.
     slopes: of a level, moments (n, n, 5) of slopes and the share (n, n) of each texel that has
-    skin.
+    skin.  normals: (R, R, 3) codes of (normal + 1) / 2, not padded, with green along v for 1 and
+    against it for -1.
     """
 
     header: TileHeader
@@ -66,6 +69,7 @@ class FrameMap:
     blood: Callable[[], VertexField]
     lag: Facts
     slopes: Callable[[int], tuple[NDArray[np.float32], NDArray[np.float32]]]
+    normals: Callable[[int], NDArray[np.uint16]]
 
     def padded(self) -> NDArray[np.float32]:
         """The displacement; texels outside of the islands have that of the nearest texel inside."""
@@ -137,6 +141,31 @@ class Chart:
         found: NDArray[T] = values.reshape(-1, *values.shape[2:])[self.nearest]
         return found
 
+    def around_inside(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The means of values (R, R) over those texels of the square around each, AROUND wide, that
+        are inside."""
+        found: NDArray[np.float32] = self._summed(values * self.inside) / self._counted
+        return found
+
+    @cached_property
+    def _counted(self) -> NDArray[np.float32]:
+        """The share of the square around each texel that is inside, of half a texel where none
+        is."""
+        size = self._square
+        shares = self._summed(self.inside.astype(np.float32))
+        found: NDArray[np.float32] = np.maximum(shares, np.float32(0.5 / size**2))
+        return found
+
+    @property
+    def _square(self) -> int:
+        return max(round(AROUND * len(self.inside)), 1) | 1
+
+    def _summed(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        found: NDArray[np.float32] = scipy.ndimage.uniform_filter(
+            values, self._square, mode="constant"
+        )
+        return found
+
     def corner_weights(self, rows: slice, where: NDArray[np.bool_]) -> FloatArray:
         """(K, 3) barycentric weights of those texels of some rows that `where` names, in their
         triangles; outside of its triangle a texel has those of a point on its border."""
@@ -187,6 +216,11 @@ class Padding:
     def padded(self, heights: NDArray[np.float32]) -> NDArray[np.float32]:
         """A copy of a map (R, R) in which each of `texels` has the value of its source."""
         return self.rows(heights, 0, len(heights))
+
+    def fill(self, values: NDArray[Any]) -> None:
+        """Give each of `texels` of a map (R, R, …) the values of its source, in place."""
+        flat = values.reshape(values.shape[0] * values.shape[1], -1)
+        flat[self.texels] = flat[self.sources]
 
     def sources_of(self, texels: NDArray[np.int32]) -> NDArray[np.int32]:
         """Of some texels those whose value they have in `padded`: themselves, or their sources."""

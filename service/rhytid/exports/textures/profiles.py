@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from rhytid.errors import QueryError
-from rhytid.exports.textures import USUAL, Shine, shine, stretch, writers
+from rhytid.exports.textures import USUAL, Shine, normals, shine, stretch, writers
 from rhytid.exports.textures.frame_map import Facts, FrameMap
 from rhytid.exports.textures.writers import image_library
 from rhytid.formats.exr_encoder import renamed as exr_renamed
@@ -112,16 +112,16 @@ _ALL = (
         writers.write_half, writers.plain_facts, described=False, packed=True, halves=True,
     ),
     Profile(
-        "png16", "png16-3", ".png", f"png16.{_UDIM_FIRST}", 2.0, 24,
+        "png16", "png16-3", ".png", f"png16.{_UDIM_FIRST}", 2.0, 16,
         writers.write_png16, writers.png16_facts, renamed=png_renamed,
     ),
     Profile(
-        "normal-gl", "normal-gl-3", ".png", f"normal-gl.{_UDIM_FIRST}", 6.0, 44,
-        writers.write_normals, writers.normal_gl_facts, posed=True, renamed=png_renamed,
+        "normal-gl", "normal-gl-4", ".png", f"normal-gl.{_UDIM_FIRST}", 6.0, 32,
+        normals.write_normals, normals.normal_gl_facts, posed=True, renamed=png_renamed,
     ),
     Profile(
-        "normal-dx", "normal-dx-3", ".png", f"normal-dx.{_FRAME_FIRST}", 6.0, 44,
-        writers.write_normals, writers.normal_dx_facts, posed=True, renamed=png_renamed,
+        "normal-dx", "normal-dx-4", ".png", f"normal-dx.{_FRAME_FIRST}", 6.0, 32,
+        normals.write_normals, normals.normal_dx_facts, posed=True, renamed=png_renamed,
     ),
     Profile(
         "cavity", "cavity-2", ".png", f"cavity.{_FRAME_FIRST}", 1.0, 32,
