@@ -33,7 +33,7 @@ def normal_codes(
         device.lend(heights[first : min(stop + 1, side)]),
         device.lend(triangles[rows]),
         device.lend(codes[rows]),
-        device.upload(records),
+        device.lend(records),
     ]
     out = device.readable(3 * (stop - start) * side, np.uint16)
     device.launch(

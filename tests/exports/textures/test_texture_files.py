@@ -472,7 +472,7 @@ def test_a_file_takes_no_more_memory_than_told(
     name: str, compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     side, strip = 512, 1 << 12  # so that strips are as small beside it as they are beside 4096²
-    for module, size in ((frame_maps, "TEXELS"), (exr_encoder, "_STRIP")):
+    for module, size in ((frame_maps, "_TEXELS"), (exr_encoder, "_STRIP")):
         monkeypatch.setattr(module, size, strip)
     noise = np.random.default_rng(5).uniform(-0.03, 0.02, (side, side)).astype(np.float32)
     codes = codes_of_normals(np.ones((side, side), np.bool_), 1)

@@ -164,7 +164,7 @@ def test_normals_that_are_interpolated_are_not_of_length_1(drawn: Drawn) -> None
     map = drawn(mesh, rise * centres(side)[0])
 
     chart = Chart.of(mesh, 1001, all_triangles(mesh, side))
-    weights = chart.corner_weights(slice(0, side), np.ones((side, side), np.bool_))
+    weights = chart.corner_weights(slice(0, side))
     posed, found = Posed.of(mesh, mesh.positions), chart.triangles.reshape(-1)
     normal, tangent = (
         np.einsum("kc,kcx->kx", weights, vectors[found])

@@ -30,7 +30,7 @@ T = TypeVar("T", bound=np.generic)
 Facts = dict[str, str | int | float]
 Sampled = Callable[[NDArray[np.int32], FloatArray], FloatArray]
 # Texels that are worked on at once: some 40 doubles each.
-TEXELS = 1 << 18
+_TEXELS = 1 << 18
 # The square around a texel, as a share of the side of a map: some 4 mm on a face that fills it.
 AROUND = 1.0 / 64.0
 # Tolerance of a barycentric weight: the device looks up with UV that are rounded to float32.
@@ -106,16 +106,14 @@ class Chart:
 
     covered (R, R): which texels show a triangle, padding included; the others have that of the
     nearest one that does.  inside (R, R): which have their centre in their triangle.  nearest
-    (R, R): the number of the nearest one inside, row by row.  islands (F,): the part of the UV
-    layout that each triangle is of.  uv_edges (F, 3, 2): first corner, local to the UDIM, and the
-    two edges from it.
+    (R, R): the number of the nearest one inside, row by row.  uv_edges (F, 3, 2): first corner,
+    local to the UDIM, and the two edges from it.
     """
 
     triangles: NDArray[np.int32]
     covered: NDArray[np.bool_]
     inside: NDArray[np.bool_]
     nearest: NDArray[np.int32]
-    islands: IntArray
     uv_edges: FloatArray
 
     @classmethod
@@ -133,7 +131,7 @@ class Chart:
         inside = texels_inside(filled, edges) & covered
         # Triangles that all lie between the centres of texels.
         inside = inside if inside.any() else covered
-        return cls(filled, covered, inside, nearest_known(inside), islands_of(mesh), edges)
+        return cls(filled, covered, inside, nearest_known(inside), edges)
 
     def padded(self, values: NDArray[T]) -> NDArray[T]:
         """(R, R, …) values whose texels outside of the islands have the value of the nearest texel
@@ -166,9 +164,10 @@ class Chart:
         )
         return found
 
-    def corner_weights(self, rows: slice, where: NDArray[np.bool_]) -> FloatArray:
-        """(K, 3) barycentric weights of those texels of some rows that `where` names, in their
-        triangles; outside of its triangle a texel has those of a point on its border."""
+    def corner_weights(self, rows: slice) -> FloatArray:
+        """(K, 3) barycentric weights of the texels of some rows, in their triangles; outside of its
+        triangle a texel has those of a point on its border."""
+        where = np.ones(self.triangles[rows].shape, np.bool_)
         weights = _barycentric(self.triangles, self.uv_edges, rows, where).clip(0.0, None)
         scaled: FloatArray = weights / weights.sum(axis=1, keepdims=True)
         return scaled
@@ -182,11 +181,11 @@ class Chart:
         """
         side = len(self.triangles)
         out = np.zeros((side, side, width), np.float32)
-        rows = max(TEXELS // side, 1)
+        rows = max(_TEXELS // side, 1)
         for start in range(0, side, rows):
             part = slice(start, min(start + rows, side))
             found = self.triangles[part].reshape(-1)
-            share = self.corner_weights(part, np.ones((part.stop - start, side), np.bool_))
+            share = self.corner_weights(part)
             out[part] = value(found, share).reshape(-1, side, width)
         return out
 
@@ -251,7 +250,7 @@ def local_edges(mesh: Mesh, udim: int) -> FloatArray:
 def texels_inside(triangles: NDArray[np.int32], uv_edges: FloatArray) -> NDArray[np.bool_]:
     """(R, R) whether the centre of each texel lies in its triangle (R, R)."""
     side = len(triangles)
-    rows = max(TEXELS // side, 1)
+    rows = max(_TEXELS // side, 1)
     parts = [slice(start, min(start + rows, side)) for start in range(0, side, rows)]
     return np.concatenate(on_all_cores(partial(_rows_inside, triangles, uv_edges), parts))
 
