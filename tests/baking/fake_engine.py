@@ -106,7 +106,7 @@ class FakeTiles(Part):
     def triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
         return np.zeros((SIDE, SIDE), np.int32)
 
-    def normal_codes(self, asset: str, *about: object) -> NDArray[np.uint16]:
+    def normal_codes(self, *about: object) -> NDArray[np.uint16]:
         return np.zeros((SIDE, SIDE, 3), np.uint16)
 
     def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> MapPlan:

@@ -172,6 +172,17 @@ def test_half_floats_of_a_map_are_its_numbers_rounded(made, monkeypatch, query, 
             assert same([fresh, kept], [whole.astype(np.float16)] * 2)
 
 
+def test_a_planned_map_is_of_its_frame_though_that_is_replaced(engine):
+    asset = built(engine, new_asset())
+    engine.frames.put(asset, "own", deform(sheet().positions, 4, 0.15))
+    plan = engine.tiles.plan_map(asset, "own", REDRAW, 1001, 0)
+    whole = plan.draw()
+    engine.frames.put(asset, "own", deform(sheet().positions, 5, 0.15))
+
+    assert same([plan.draw(), plan.draw_halves()], [whole, whole.astype(np.float16)])
+    assert plan.key != engine.tiles.plan_map(asset, "own", REDRAW, 1001, 0).key
+
+
 def test_half_floats_of_a_map_are_given_where_memory_is_short(made, monkeypatch):
     plan, finest = made.engine.tiles.plan_map(made.asset, "bent", REDRAW, 1001, 0), []
     whole, squares = plan.draw(), levels.DeviceLevels.squares

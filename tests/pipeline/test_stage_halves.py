@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pyopencl as cl
 import pytest
 
 from rhytid.formats.half_floats import OVERFLOW
@@ -66,3 +67,32 @@ def test_parts_are_put_together_and_cut(device, dtype):
     wanted[1:129, 16:144] = whole
     np.testing.assert_array_equal(together, wanted)
     np.testing.assert_array_equal(cut, whole[48:64, 32:48].astype(dtype))
+
+
+def test_other_threads_run_while_squares_are_read(device, monkeypatch):
+    """pyopencl waits for a copy whose event goes, and lets no other thread run meanwhile."""
+    waited, lost, enqueue = [], [], cl.enqueue_copy
+
+    class Event:
+        def __init__(self, event):
+            self.event = event
+
+        def wait(self):
+            waited.append(self)
+            self.event.wait()
+
+        def __del__(self):
+            if self not in waited:
+                lost.append(self)
+
+    monkeypatch.setattr(cl, "enqueue_copy", lambda *a, **named: Event(enqueue(*a, **named)))
+    buffers = [device.upload(np.full((16, 16), n, np.float32)) for n in range(3)]
+    waited.clear()
+    out = np.empty((16, 48), np.float32)
+    device.read_squares(
+        [(buffer, 16, 0, 0) for buffer in buffers], [out[:, n : n + 16] for n in (0, 16, 32)]
+    )
+
+    assert len(waited) == 3
+    assert not lost
+    np.testing.assert_array_equal(out[0, ::16], [0, 1, 2])

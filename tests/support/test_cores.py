@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 import time
+import weakref
 from collections.abc import Iterator
+from contextlib import suppress
 
 import pytest
 
@@ -55,3 +58,26 @@ def test_what_has_not_begun_is_dropped_after_an_error() -> None:
     with pytest.raises(ValueError, match="0"):
         on_all_cores(fails, range(30))
     assert len(begun) <= 2 * 3
+
+
+def test_an_error_leaves_no_results_behind() -> None:
+    class Found:
+        pass
+
+    kept: list[weakref.ref[Found]] = []
+
+    def fails(item: int) -> Found:
+        if item == 5:
+            raise ValueError(item)
+        found = Found()
+        kept.append(weakref.ref(found))
+        return found
+
+    gc.disable()
+    try:
+        with suppress(ValueError):
+            on_all_cores(fails, range(6))
+        assert kept
+        assert not [one for one in kept if one() is not None]
+    finally:
+        gc.enable()

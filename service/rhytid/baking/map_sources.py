@@ -30,7 +30,6 @@ from rhytid.exports.textures.frame_map import (
     FrameMap,
     Padding,
     VertexField,
-    local_edges,
 )
 from rhytid.exports.textures.normals import NormalChart
 from rhytid.exports.textures.stretch import corner_weights, vertex_stretch
@@ -87,8 +86,8 @@ class FrameSurface:
 class MapSources:
     """Makes the maps of an asset from its mesh and its frames.
 
-    Charts are kept, 10 bytes per texel of each UDIM, 14 for cavity, 5 for normal maps, and so are
-    paddings, which are small. Safe from any thread.
+    Charts are kept: 10 bytes per texel of each UDIM, 14 where there are cavity maps, and 5 more
+    where there are normal maps. Paddings, which are small, are kept, too. Safe from any thread.
     """
 
     def __init__(
@@ -154,9 +153,8 @@ class MapSources:
     def _normals(
         self, surface: FrameSurface, udim: int, heights: Callable[[], Texels], green: int
     ) -> NDArray[np.uint16]:
-        chart = self._normal_charts[udim]()
-        posed = surface.posed()
-        return self._engine.tiles.normal_codes(self._asset.id, chart, posed, heights(), green)
+        chart, posed = self._normal_charts[udim](), surface.posed()
+        return self._engine.tiles.normal_codes(chart, posed, heights(), green)
 
     def _slopes(
         self, surface: FrameSurface, header: TileHeader, heights: Callable[[], Texels], level: int
@@ -171,8 +169,7 @@ class MapSources:
 
     def _found_normal_chart(self, udim: int) -> NormalChart:
         triangles, mesh = self._triangles(udim), self._mesh
-        codes = neighbour_codes(mesh, udim, triangles)
-        return NormalChart(triangles, codes, local_edges(mesh, udim))
+        return NormalChart.of(mesh, udim, triangles, neighbour_codes(mesh, udim, triangles))
 
     def _found_padding(self, udim: int) -> Padding:
         return Padding.of(self._mesh, udim, self._triangles(udim), self._reach)

@@ -379,15 +379,23 @@ class Device:
         """Copy to the host and wait for all of it. The copies alone are timed, from when all
         launches are done: they are enqueued before that, so that the driver goes on to them by
         itself."""
+        # All are kept and waited for: an event that goes before its copy is done waits for it, and
+        # lets no other thread of Python run meanwhile.
+        events: list[Any] = []
         with driver_errors():
-            launched = cl.enqueue_marker(self._queue)
-            for host, buffer, places in copies:
-                copied = cl.enqueue_copy(
-                    self._queue, host, buffer.handle, is_blocking=False, **places
-                )
-            launched.wait()
-            start = time.perf_counter_ns()
-            copied.wait()
+            try:
+                events.append(cl.enqueue_marker(self._queue))
+                for host, buffer, places in copies:
+                    events.append(
+                        cl.enqueue_copy(
+                            self._queue, host, buffer.handle, is_blocking=False, **places
+                        )
+                    )
+                events[0].wait()
+                start = time.perf_counter_ns()
+            finally:
+                for event in events:
+                    event.wait()
             self.figures.read_back(time.perf_counter_ns() - start)
 
     def read_square(

@@ -7,9 +7,6 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Device
 
-# Floats of a triangle, as normals.cl has them.
-RECORD = 33
-
 
 def normal_codes(
     device: Device,
@@ -24,7 +21,7 @@ def normal_codes(
     centre of a texel.
 
     heights: (R, R) of level 0, mesh units, row 0 at the top.  triangles, codes: (R, R) of its
-    texels, codes as `neighbour_codes` has them.  records: (F, RECORD) of triangles, as
+    texels, codes as `neighbour_codes` has them.  records: of triangles, as
     `NormalChart.records` has them.  green: 1 for along v, -1 against it. In a task of the device.
     """
     side, start, stop = len(heights), rows.start, rows.stop
@@ -39,6 +36,7 @@ def normal_codes(
     device.launch(
         "normals", "normal_codes", (side, stop - start), *lent, np.int32(start),
         np.int32(start - first), np.float32(green), out,
+        defines={"RECORD": records.shape[1]},
     )  # fmt: skip
     found: NDArray[np.uint16] = device.read(out, (stop - start, side, 3), np.uint16)
     for buffer in (*lent, out):

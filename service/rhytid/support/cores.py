@@ -43,7 +43,8 @@ class _Shared(Generic[T, U]):
         self._next = iter(range(len(items)))
 
     def done(self) -> list[U]:
-        threads = [_pool().submit(self._turn) for _ in range(core_count())]
+        count = min(core_count(), len(self._items))
+        threads = [_pool().submit(self._turn) for _ in range(count)]
         try:
             while threads:
                 again = threads.pop(0).result()
@@ -53,8 +54,12 @@ class _Shared(Generic[T, U]):
             self._next = iter(range(0))
         if self._errors:
             first = self._errors[min(self._errors)]
-            self._errors.clear()  # else they and the frames in their tracebacks hold each other
-            raise first
+            self._errors.clear()
+            self._found.clear()
+            try:
+                raise first
+            finally:  # else it and the frames in its traceback hold each other
+                del first
         return [self._found[number] for number in range(len(self._items))]
 
     def _turn(self) -> Future[Any] | None:

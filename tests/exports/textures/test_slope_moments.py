@@ -13,7 +13,6 @@ from meshes import SmallMesh, deform
 from reference import slopes as reference
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.device_assets.slopes import neighbour_codes
-from rhytid.exports.textures.frame_map import local_edges
 from rhytid.exports.textures.normals import NormalChart
 from rhytid.exports.textures.tangents import Posed, joined
 from rhytid.pipeline.locate import UdimTriangles
@@ -125,9 +124,9 @@ def test_level_0_is_the_slope_and_its_products(device: Device, scene: Scene) -> 
 def test_level_0_slopes_are_those_of_normal_maps(device: Device, scene: Scene) -> None:
     """To first order in how the mesh bends within a triangle: shaders do not make vectors unit."""
     codes = neighbour_codes(scene.mesh, 1001, scene.triangles)
-    chart = NormalChart(scene.triangles, codes, local_edges(scene.mesh, 1001))
+    chart = NormalChart.of(scene.mesh, 1001, scene.triangles, codes)
     records = chart.records(scene.posed)
-    found = normal_codes(device, scene.heights, scene.triangles, codes, records, slice(0, SIDE), 1)
+    found = normal_codes(device, scene.heights, chart.triangles, codes, records, slice(0, SIDE), 1)
     inside = scene.inside
     wanted = found[inside] / 65535.0 * 2.0 - 1.0
 

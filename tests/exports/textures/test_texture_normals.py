@@ -27,7 +27,8 @@ from reference import slopes as reference_slopes
 from reference.normals import normals
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.device_assets.slopes import neighbour_codes
-from rhytid.exports.textures.frame_map import Chart, local_edges
+from rhytid.errors import MeshError
+from rhytid.exports.textures.frame_map import Chart
 from rhytid.exports.textures.normals import NormalChart
 from rhytid.exports.textures.tangents import Posed
 from rhytid.pipeline.normals import normal_codes
@@ -67,9 +68,9 @@ def codes_of(
     )
     triangles = np.where(away < 3, triangles[row, column], triangles)
     codes = neighbour_codes(mesh, 1001, triangles)
-    chart = NormalChart(triangles, codes, local_edges(mesh, 1001))
+    chart = NormalChart.of(mesh, 1001, triangles.astype(np.int32), codes)
     records = chart.records(Posed.of(mesh, positions))
-    given = (heights.astype(np.float32), triangles, codes, records)
+    given = (heights.astype(np.float32), chart.triangles, codes, records)
     return normal_codes(device, *given, rows, green)
 
 
@@ -246,3 +247,10 @@ def test_a_triangle_without_area_in_a_frame_is_flat(drawn: Drawn) -> None:
     assert inside.any()
     assert np.isfinite(found).all()
     assert (found[inside][:, 2] > 0.999).all()
+
+
+def test_a_udim_without_a_texel_in_a_triangle_is_refused() -> None:
+    mesh = grid_mesh(curved, 8)
+    none = np.full((64, 64), len(mesh.faces), np.int32)
+    with pytest.raises(MeshError, match="no texel of UDIM 1001 shows a triangle"):
+        NormalChart.of(mesh, 1001, none, np.zeros((64, 64), np.uint8))

@@ -67,7 +67,7 @@ class TileService(Tiles):
         self._assets, self._on_device, self._batcher = registry, on_device, batcher
         self._maps = MapDrawing(on_device, most_waiting)
         self._slopes = SlopeDrawing(on_device, self._maps)
-        info = device.info
+        self._device, info = device, device.info
         # The device, where floats differ, and the version of the drawing.
         self._drawn_by = f"{info.platform}/{info.version}/{info.name}/{drawing_version()}"
 
@@ -111,12 +111,34 @@ class TileService(Tiles):
         return HalfTile(spent_on(query.method, draw), _header(found, name, query, address))
 
     def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> MapPlan:
-        """A whole level of a UDIM; raises what `plan` does."""
-        plan = self.plan(asset, frame, query, MapAddress(udim, level))
+        """A whole level of displacement of a UDIM; raises what `plan` does."""
+        place = MapAddress(udim, level)
+        found, drawn = self._checked(asset, frame, place.first)
+        described = self._described(found, drawn, frame, query, place)
+        where = (found, drawn, query, udim, level, (0, 0, described.side))
+        draw, halves = partial(self._maps.square, *where), partial(self._maps.halves, *where)
+        timed = partial(spent_on, query.method)
+        return MapPlan(described, partial(timed, draw), partial(timed, halves))
+
+    def _checked(self, asset: str, frame: str | Frame, at: TileAddress) -> tuple[Asset, Frame]:
+        """An asset that has an address, and one of its frames."""
         found = self._assets.get(asset)
-        where = (udim, level, (0, 0, plan.description.side))
-        halves = partial(self._maps.halves, found, found.frame(frame), query, *where)
-        return MapPlan(plan.description, plan.draw, partial(spent_on, query.method, halves))
+        found.check_address(at)
+        return found, found.frame(frame)
+
+    def _described(
+        self,
+        found: Asset,
+        drawn: Frame,
+        frame: str | Frame,
+        query: MapQuery,
+        place: TileAddress | MapAddress,
+    ) -> TileDescription:
+        at, name = _first(place), frame if isinstance(frame, str) else ""
+        key = map_key(found.id, found.settings, self._drawn_by, drawn, query, str(place))
+        return TileDescription(
+            key, _header(found, name, query, at), found.settings.grid.side_of(place)
+        )
 
     def key(
         self,
@@ -135,20 +157,16 @@ class TileService(Tiles):
         self, asset: str, frame: str | Frame, query: MapQuery, place: TileAddress | MapAddress
     ) -> TilePlan:
         """Plan a tile or a whole level of a UDIM; raises what `draw` does."""
-        found = self._assets.get(asset)
-        at = place if isinstance(place, TileAddress) else place.first
-        found.check_address(at)
-        drawn, name = found.frame(frame), frame if isinstance(frame, str) else ""
-        side = found.settings.grid.side_of(place)
+        at = _first(place)
+        found, drawn = self._checked(asset, frame, at)
+        described = self._described(found, drawn, frame, query, place)
         if query.layer == SLOPES:
             draw = partial(self._slope_square, found, drawn, query, place)
         elif isinstance(place, TileAddress):
-            draw = partial(self._tile, found, drawn, query, at, side)
+            draw = partial(self._tile, found, drawn, query, at, described.side)
         else:
-            whole = (0, 0, side)
+            whole = (0, 0, described.side)
             draw = partial(self._maps.square, found, drawn, query, at.udim, at.level, whole)
-        key = map_key(asset, found.settings, self._drawn_by, drawn, query, str(place))
-        described = TileDescription(key, _header(found, name, query, at), side)
         return TilePlan(described, partial(spent_on, query.method, draw))
 
     def memory_kept(self) -> AbstractContextManager[None]:
@@ -180,23 +198,19 @@ class TileService(Tiles):
         return self._slopes.of_heights(found, frame, query, place, heights)
 
     def normal_codes(
-        self, asset: str, chart: NormalChart, posed: Posed, heights: Tile, green: int
+        self, chart: NormalChart, posed: Posed, heights: Tile, green: int
     ) -> NDArray[np.uint16]:
         """(R, R, 3) codes of the normals of a UDIM, as `pipeline.normals.normal_codes` has them,
-        some rows in a task. Raises what `plan` does.
+        some rows in a task.
 
         posed: the surface of the frame.  heights: (R, R) displacement of level 0, drawn already.
         """
-        found, side = self._assets.get(asset), len(heights)
-        given = (heights, chart.triangles, chart.codes, chart.records(posed))
+        side, records = len(heights), chart.records(posed)
         out, step = np.empty((side, side, 3), np.uint16), max(_NORMALS // side, 1)
-
-        def draw(rows: slice, resident: DeviceAsset) -> NDArray[np.uint16]:
-            return normal_codes(resident.mesh.device, *given, rows, green)
-
         for start in range(0, side, step):
             rows = slice(start, min(start + step, side))
-            out[rows] = self._on_device.use(found, partial(draw, rows), patiently=True)
+            given = (heights, chart.triangles, chart.codes, records, rows, green)
+            out[rows] = self._on_device.run_patiently(normal_codes, self._device, *given)
         return out
 
     def cushion_lines(self, asset: str, udim: int) -> LineSources:
@@ -311,6 +325,10 @@ class TileService(Tiles):
 
         found = self._on_device.using(asset, tile) if address.level == 0 else None
         return half_tile(self._tile(asset, frame, query, address, side)) if found is None else found
+
+
+def _first(place: TileAddress | MapAddress) -> TileAddress:
+    return place if isinstance(place, TileAddress) else place.first
 
 
 def displacement_scale(asset: Asset) -> float:

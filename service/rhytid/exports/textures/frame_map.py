@@ -47,8 +47,8 @@ class FrameMap:
     once.
 
     header: of the map.  depth: of a furrow of strength 1, mesh units.  heights: (R, R) float32
-    displacement, mesh units, row 0 at the top.  halves: the same, for who
-    needs half floats of it; float32, too, where others need that.  padding: of the texels next to
+    displacement, mesh units, row 0 at the top.  halves: the same for files of half floats: float16
+    where no other file needs float32, else what `heights` gives.  padding: of the texels next to
     islands.  chart: its texels on the mesh.  posed: the surface of the frame.  weights: (F, 3, 2)
     of corners, stretch and compression.  stretch: log stretch at vertices, as `vertex_stretch` has
     it.  blood: (1, ) of vertices, as `BloodFlow` has it.  lag: facts of how late it follows.
@@ -124,9 +124,7 @@ class Chart:
         triangles stands for none. Raises MeshError where no texel shows one.
         """
         edges = local_edges(mesh, udim)
-        covered = triangles < len(mesh.faces)
-        if not covered.any():
-            raise MeshError(f"no texel of UDIM {udim} shows a triangle: the resolution is too low")
+        covered = check_shown(mesh, udim, triangles)
         filled = triangles.reshape(-1)[nearest_known(covered)]
         inside = texels_inside(filled, edges) & covered
         # Triangles that all lie between the centres of texels.
@@ -218,8 +216,8 @@ class Padding:
 
     def fill(self, values: NDArray[Any]) -> None:
         """Give each of `texels` of a map (R, R, …) the values of its source, in place."""
-        flat = values.reshape(values.shape[0] * values.shape[1], -1)
-        flat[self.texels] = flat[self.sources]
+        texels, sources = (np.divmod(one, values.shape[1]) for one in (self.texels, self.sources))
+        values[texels] = values[sources]
 
     def sources_of(self, texels: NDArray[np.int32]) -> NDArray[np.int32]:
         """Of some texels those whose value they have in `padded`: themselves, or their sources."""
@@ -238,6 +236,14 @@ class Padding:
         part = slice(*np.searchsorted(self.texels, ends))
         out.reshape(-1)[self.texels[part] - start * side] = heights.reshape(-1)[self.sources[part]]
         return out
+
+
+def check_shown(mesh: Mesh, udim: int, triangles: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Which texels of a UDIM show a triangle; raises MeshError where none does."""
+    shown = triangles < len(mesh.faces)
+    if not shown.any():
+        raise MeshError(f"no texel of UDIM {udim} shows a triangle: the resolution is too low")
+    return shown
 
 
 def local_edges(mesh: Mesh, udim: int) -> FloatArray:
