@@ -7,7 +7,7 @@
 // What a triangle has in a frame, made by pipeline/normals.py: the texel from which places count; the shares of the
 // second and the third corner there, and what they gain to the right and down; normals and tangents of the corners;
 // the unit vector along dP/du; 1 / |dP/du|, dP/dv along that vector, 1 / dP/dv across it; the sign. Of a triangle without
-// area in space both of these are 0. RECORD, from the host, is how many numbers these are.
+// area in space both of these are 0.
 #define FROM 0
 #define SHARES 2
 #define NORMALS 8
@@ -59,18 +59,18 @@ inline float3 normal_at(__global const float *t, float along, float across, int 
 }
 
 // Of rows of a map from `row` on: heights, mesh units, from the row `before` rows above it on; triangles and codes of
-// its texels, as cells.clh has these. records: of each triangle. green: 1 up, -1 down. out: codes of (n + 1) / 2, three
+// its texels, as cells.clh has these. records: `each` numbers of every triangle. green: 1 up, -1 down. out: codes of (n + 1) / 2, three
 // of a texel; unsigned, straight where no triangle is under its centre. Work-items: columns, rows. Within two codes of double, but in
 // slivers of UV a hundred times as long as a texel and a hundredth as wide, where shares are rounded.
 __kernel void normal_codes(__global const float *heights, __global const int *triangles,
-                           __global const uchar *codes, __global const float *records, int row, int before,
+                           __global const uchar *codes, __global const float *records, int each, int row, int before,
                            float green, __global short *out)
 {
     int i = get_global_id(0), j = get_global_id(1), side = get_global_size(0), at = j * side + i;
     int code = codes[at];
     float3 n = (float3)(0.0f, 0.0f, 1.0f);
     if (code & INSIDE) {
-        __global const float *t = records + triangles[at] * RECORD;
+        __global const float *t = records + triangles[at] * each;
         __global const float *height = heights + at + before * side;
         float right = side * rise(height, 1, code & RIGHT, code & LEFT);
         float up = side * rise(height, -side, code & ABOVE, code & BELOW);

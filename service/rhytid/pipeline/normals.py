@@ -34,9 +34,9 @@ def normal_codes(
     ]
     out = device.readable(3 * (stop - start) * side, np.uint16)
     device.launch(
-        "normals", "normal_codes", (side, stop - start), *lent, np.int32(start),
-        np.int32(start - first), np.float32(green), out,
-        defines={"RECORD": records.shape[1]},
+        "normals", "normal_codes", (side, stop - start), *lent,
+        np.int32(records.shape[1]), np.int32(start), np.int32(start - first), np.float32(green),
+        out,
     )  # fmt: skip
     found: NDArray[np.uint16] = device.read(out, (stop - start, side, 3), np.uint16)
     for buffer in (*lent, out):
