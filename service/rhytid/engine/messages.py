@@ -142,7 +142,7 @@ class TilePlan:
 
 @dataclass(frozen=True, eq=False)
 class MapPlan(TilePlan):
-    """A whole level of displacement that is named and not drawn yet.
+    """A whole level that is named and not drawn yet.
 
     draw_halves: as `draw`, as half floats, rounded to even, infinite where they cannot hold a
     number: half as much to read from the device.

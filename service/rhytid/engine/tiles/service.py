@@ -111,14 +111,19 @@ class TileService(Tiles):
         return HalfTile(spent_on(query.method, draw), _header(found, name, query, address))
 
     def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> MapPlan:
-        """A whole level of displacement of a UDIM; raises what `plan` does."""
+        """A whole level of a UDIM; raises what `plan` does."""
         place = MapAddress(udim, level)
         found, drawn = self._checked(asset, frame, place.first)
-        described = self._described(found, drawn, frame, query, place)
-        where = (found, drawn, query, udim, level, (0, 0, described.side))
-        draw, halves = partial(self._maps.square, *where), partial(self._maps.halves, *where)
-        timed = partial(spent_on, query.method)
-        return MapPlan(described, partial(timed, draw), partial(timed, halves))
+        plan = self._planned(found, drawn, frame, query, place)
+
+        def halves() -> Halves:
+            if query.layer == SLOPES:
+                return plan.draw().astype(np.float16)
+            whole = (0, 0, plan.description.side)
+            draw = partial(self._maps.halves, found, drawn, query, udim, level, whole)
+            return spent_on(query.method, draw)
+
+        return MapPlan(plan.description, plan.draw, halves)
 
     def _checked(self, asset: str, frame: str | Frame, at: TileAddress) -> tuple[Asset, Frame]:
         """An asset that has an address, and one of its frames."""
@@ -126,19 +131,27 @@ class TileService(Tiles):
         found.check_address(at)
         return found, found.frame(frame)
 
-    def _described(
+    def _planned(
         self,
         found: Asset,
         drawn: Frame,
         frame: str | Frame,
         query: MapQuery,
         place: TileAddress | MapAddress,
-    ) -> TileDescription:
+    ) -> TilePlan:
+        """The plan of a place of an asset in one of its frames, which is called `frame`."""
         at, name = _first(place), frame if isinstance(frame, str) else ""
+        side = found.settings.grid.side_of(place)
+        if query.layer == SLOPES:
+            draw = partial(self._slope_square, found, drawn, query, place)
+        elif isinstance(place, TileAddress):
+            draw = partial(self._tile, found, drawn, query, at, side)
+        else:
+            whole = (0, 0, side)
+            draw = partial(self._maps.square, found, drawn, query, at.udim, at.level, whole)
         key = map_key(found.id, found.settings, self._drawn_by, drawn, query, str(place))
-        return TileDescription(
-            key, _header(found, name, query, at), found.settings.grid.side_of(place)
-        )
+        described = TileDescription(key, _header(found, name, query, at), side)
+        return TilePlan(described, partial(spent_on, query.method, draw))
 
     def key(
         self,
@@ -157,17 +170,8 @@ class TileService(Tiles):
         self, asset: str, frame: str | Frame, query: MapQuery, place: TileAddress | MapAddress
     ) -> TilePlan:
         """Plan a tile or a whole level of a UDIM; raises what `draw` does."""
-        at = _first(place)
-        found, drawn = self._checked(asset, frame, at)
-        described = self._described(found, drawn, frame, query, place)
-        if query.layer == SLOPES:
-            draw = partial(self._slope_square, found, drawn, query, place)
-        elif isinstance(place, TileAddress):
-            draw = partial(self._tile, found, drawn, query, at, described.side)
-        else:
-            whole = (0, 0, described.side)
-            draw = partial(self._maps.square, found, drawn, query, at.udim, at.level, whole)
-        return TilePlan(described, partial(spent_on, query.method, draw))
+        found, drawn = self._checked(asset, frame, _first(place))
+        return self._planned(found, drawn, frame, query, place)
 
     def memory_kept(self) -> AbstractContextManager[None]:
         """While the block runs, a map is drawn into the memory of one that nobody holds any more,
