@@ -4,10 +4,10 @@
 // surface: g . dP/du = dh/du, g . dP/dv = dh/dv. (x, y, z) is the unit vector that makes the sum parallel to it.
 #include "cells.clh"
 
-// What a triangle has in a frame, made by pipeline/normals.py: the texel from which places count; the shares of the
+// What a triangle has in a frame, made by `NormalChart.records`: the texel from which places count; the shares of the
 // second and the third corner there, and what they gain to the right and down; normals and tangents of the corners;
-// the unit vector along dP/du; 1 / |dP/du|, dP/dv along that vector, 1 / dP/dv across it; the sign. Of a triangle without
-// area in space both of these are 0.
+// the unit vector along dP/du; 1 / |dP/du|, dP/dv along that vector, 1 / dP/dv across it; the sign. Both quotients are
+// 0 where a triangle has no area in space.
 #define FROM 0
 #define SHARES 2
 #define NORMALS 8
@@ -59,9 +59,10 @@ inline float3 normal_at(__global const float *t, float along, float across, int 
 }
 
 // Of rows of a map from `row` on: heights, mesh units, from the row `before` rows above it on; triangles and codes of
-// its texels, as cells.clh has these. records: `each` numbers of every triangle. green: 1 up, -1 down. out: codes of (n + 1) / 2, three
-// of a texel; unsigned, straight where no triangle is under its centre. Work-items: columns, rows. Within two codes of double, but in
-// slivers of UV a hundred times as long as a texel and a hundredth as wide, where shares are rounded.
+// its texels, as cells.clh has these. records: `each` numbers of every triangle. green: 1 up, -1 down. out: unsigned
+// codes of (n + 1) / 2, three of a texel; straight where no triangle is under its centre. Work-items: columns, rows.
+// Within two codes of double, but in slivers of UV a hundred times as long as a texel and a hundredth as wide, where
+// shares are rounded.
 __kernel void normal_codes(__global const float *heights, __global const int *triangles,
                            __global const uchar *codes, __global const float *records, int each, int row, int before,
                            float green, __global short *out)

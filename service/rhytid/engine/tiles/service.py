@@ -103,10 +103,8 @@ class TileService(Tiles):
     def draw_half(
         self, asset: str, frame: str | Frame, query: MapQuery, address: TileAddress
     ) -> HalfTile:
-        found = self._assets.get(asset)
-        found.check_address(address)
-        drawn, name = found.frame(frame), frame if isinstance(frame, str) else ""
-        side = found.settings.grid.side_of(address)
+        found, drawn = self._checked(asset, frame, address)
+        name, side = frame if isinstance(frame, str) else "", found.settings.grid.side_of(address)
         draw = partial(self._half_tile, found, drawn, query, address, side)
         return HalfTile(spent_on(query.method, draw), _header(found, name, query, address))
 

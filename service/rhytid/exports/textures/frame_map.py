@@ -32,7 +32,7 @@ Sampled = Callable[[NDArray[np.int32], FloatArray], FloatArray]
 # Texels that are worked on at once: some 40 doubles each.
 _TEXELS = 1 << 18
 # The square around a texel, as a share of the side of a map: some 4 mm on a face that fills it.
-AROUND = 1.0 / 64.0
+_AROUND = 1.0 / 64.0
 # Tolerance of a barycentric weight: the device looks up with UV that are rounded to float32.
 _ROUNDED = 1e-4
 # Texels a side of what is searched at once, beside the margin around it.
@@ -138,8 +138,8 @@ class Chart:
         return found
 
     def around_inside(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The means of values (R, R) over those texels of the square around each, AROUND wide, that
-        are inside."""
+        """The means of values (R, R) over the texels inside of the square around each, _AROUND
+        wide."""
         found: NDArray[np.float32] = self._summed(values * self.inside) / self._counted
         return found
 
@@ -154,7 +154,7 @@ class Chart:
 
     @property
     def _square(self) -> int:
-        return max(round(AROUND * len(self.inside)), 1) | 1
+        return max(round(_AROUND * len(self.inside)), 1) | 1
 
     def _summed(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         found: NDArray[np.float32] = scipy.ndimage.uniform_filter(
