@@ -40,7 +40,7 @@ def upgrade(*more: str, path: str = f"/v1/assets/{ASSET}/live", method: str = "G
 
 @pytest.fixture
 def client(tmp_path: Path) -> Iterator[httpx.Client]:
-    with serving(FakeEngine(), store=tmp_path, stall_seconds=STALLED, connections=6) as client:
+    with serving(FakeEngine(), store=tmp_path, connections=6) as client:
         yield client
 
 
