@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.server
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,23 +84,34 @@ def browser(playwright: Playwright) -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="session")
+def open_lasting(browser: Browser) -> Iterator[Callable[..., Look]]:
+    """As `open_page`, for several tests."""
+    with _opening(browser) as opened:
+        yield opened
+
+
+@pytest.fixture
 def open_page(browser: Browser) -> Iterator[Callable[..., Look]]:
-    """Opens an address in a tab of its own: `open_page(url)`."""
-    contexts = []
+    """Opens an address in a tab of its own, until the test ends: `open_page(url)`."""
+    with _opening(browser) as opened:
+        yield opened
 
-    def opened(url: str) -> Look:
-        context = browser.new_context(viewport={"width": WIDTH, "height": HEIGHT})
-        contexts.append(context)
-        return Look(context.new_page(), url)
 
-    yield opened
-    for context in contexts:
-        context.close()
+@contextmanager
+def _opening(browser: Browser) -> Iterator[Callable[..., Look]]:
+    with ExitStack() as contexts:
+
+        def opened(url: str) -> Look:
+            context = browser.new_context(viewport={"width": WIDTH, "height": HEIGHT})
+            contexts.callback(context.close)
+            return Look(context.new_page(), url)
+
+        yield opened
 
 
 @pytest.fixture(scope="session")
-def shared(open_page: Callable[..., Look], package: str) -> Look:
-    return open_page(package).ready()
+def shared(open_lasting: Callable[..., Look], package: str) -> Look:
+    return open_lasting(package).ready()
 
 
 @pytest.fixture

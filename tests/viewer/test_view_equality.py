@@ -101,13 +101,13 @@ def step_of(package: Path) -> float:
 
 @pytest.fixture(scope="module")
 def both(
-    store: Path, package: str, open_page: Opened, tmp_path_factory: pytest.TempPathFactory
+    store: Path, package: str, open_lasting: Opened, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Both]:
     """On a copy of the store, which a server may have open."""
     copy = tmp_path_factory.mktemp("equality") / "store"
     shutil.copytree(store, copy)
     asset = json.loads((store.parent / "package" / "manifest.json").read_text())["asset"]
-    look = open_page(package).ready()
+    look = open_lasting(package).ready()
     with running(copy) as engine:
         mesh = procedural_face(48).mesh
         yield Both(engine, asset, mesh, look, step_of(store.parent / "package"))

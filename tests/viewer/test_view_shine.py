@@ -80,8 +80,8 @@ class Package:
 
 
 @pytest.fixture(scope="module")
-def shown(store: Path, package: str, open_page: Callable[..., Look]) -> Package:
-    return Package(store.parent / "package", open_page(package).ready())
+def shown(store: Path, package: str, open_lasting: Callable[..., Look]) -> Package:
+    return Package(store.parent / "package", open_lasting(package).ready())
 
 
 def test_passes_give_slopes_of_the_heights(shown: Package) -> None:
