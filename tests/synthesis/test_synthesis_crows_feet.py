@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from itertools import count
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -28,6 +30,7 @@ from synthesis.test_synthesis_leaders import COUNT, MESH, MILLIMETRE, folds
 EDGE = 0.42
 
 
+@cache
 def grown(
     device: Device, age: float, angle: float = 90.0, anatomy: str = "fine", rank: float = 1.0
 ) -> WrinkleGraph:
@@ -40,12 +43,12 @@ def grown(
     return synthesize(MESH, settings, device, folds=found).graph
 
 
+@cache
 def without(
-    device: Device, monkeypatch: pytest.MonkeyPatch, age: float, *others: float
+    device: Device, age: float, angle: float = 90.0, anatomy: str = "fine", rank: float = 1.0
 ) -> WrinkleGraph:
-    with monkeypatch.context() as patched:
-        patched.setattr(assembly, "crows_feet", lambda *_: None)
-        return grown(device, age, *others)
+    with patch.object(assembly, "crows_feet", lambda *_: None):
+        return grown.__wrapped__(device, age, angle, anatomy, rank)
 
 
 def deepened(one: WrinkleGraph, two: WrinkleGraph) -> NDArray[np.intp]:
@@ -53,8 +56,8 @@ def deepened(one: WrinkleGraph, two: WrinkleGraph) -> NDArray[np.intp]:
     return np.flatnonzero(one.edge_weight > two.edge_weight + 0.02)
 
 
-def test_they_leave_the_eye_as_a_few_rays(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    skin, bare = grown(device, 65.0), without(device, monkeypatch, 65.0)
+def test_they_leave_the_eye_as_a_few_rays(device: Device) -> None:
+    skin, bare = grown(device, 65.0), without(device, 65.0)
     np.testing.assert_array_equal(skin.node_uv, bare.node_uv)
     lines = deepened(skin, bare)
     assert len(lines) > 40
@@ -67,16 +70,14 @@ def test_they_leave_the_eye_as_a_few_rays(device: Device, monkeypatch: pytest.Mo
     assert np.ptp(middle[:, 0]) > 10 * MILLIMETRE
 
 
-def test_there_are_none_where_lines_run_along_the_lid(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    skin, bare = grown(device, 65.0, 0.0), without(device, monkeypatch, 65.0, 0.0)
+def test_there_are_none_where_lines_run_along_the_lid(device: Device) -> None:
+    skin, bare = grown(device, 65.0, 0.0), without(device, 65.0, 0.0)
     assert not len(deepened(skin, bare))
 
 
-def test_fifty_has_a_hint_of_them(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fifty_has_a_hint_of_them(device: Device) -> None:
     def deeper(age: float) -> float:
-        skin, bare = grown(device, age), without(device, monkeypatch, age)
+        skin, bare = grown(device, age), without(device, age)
         lines = deepened(skin, bare)
         return depth_factor(age) * float((skin.edge_weight - bare.edge_weight)[lines].sum())
 
@@ -88,11 +89,10 @@ def test_fifty_has_a_hint_of_them(device: Device, monkeypatch: pytest.MonkeyPatc
     [(20.0, "fine", 1.0), (35.0, "fine", 1.0), (65.0, COARSE, 1.0), (65.0, "fine", 0.0)],
 )
 def test_skin_without_them_is_what_it_was(
-    device: Device, monkeypatch: pytest.MonkeyPatch, age: float, anatomy: str, rank: float
+    device: Device, age: float, anatomy: str, rank: float
 ) -> None:
     skin = grown(device, age, anatomy=anatomy, rank=rank)
-    monkeypatch.setattr(assembly, "crows_feet", lambda *_: None)
-    bare = grown(device, age, anatomy=anatomy, rank=rank).arrays()
+    bare = without(device, age, anatomy=anatomy, rank=rank).arrays()
     for name, array in skin.arrays().items():
         np.testing.assert_array_equal(array, bare[name])
 
@@ -103,7 +103,7 @@ def skin(device: Device, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, ...]:
     found: list[tuple[Any, ...]] = []
     with monkeypatch.context() as patched:
         patched.setattr(assembly, "crows_feet", lambda *about: found.append(about))
-        grown(device, 65.0)
+        grown.__wrapped__(device, 65.0)
     return found[0]
 
 

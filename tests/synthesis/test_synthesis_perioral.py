@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -56,27 +57,23 @@ def fanned() -> Folds:
     return replace(folds(), fans=fans)
 
 
+@cache
 def grown(
-    device: Device, age: float, anatomy: str = "fine", rank: float = 1.0, found: Folds | None = None
+    device: Device, age: float, anatomy: str = "fine", rank: float = 1.0, fan: bool = False
 ) -> WrinkleGraph:
     settings = GraphSettings(
         wrinkles=COUNT, patches=0.0, events=0.0, age=age, anatomy=anatomy, rank=rank
     )
-    found = folds() if found is None else found
+    found = fanned() if fan else folds()
     return synthesize(MESH, settings, device, controls=lip_and_mouth(), folds=found).graph
 
 
+@cache
 def without(
-    device: Device,
-    monkeypatch: pytest.MonkeyPatch,
-    age: float,
-    anatomy: str = "fine",
-    rank: float = 1.0,
-    found: Folds | None = None,
+    device: Device, age: float, anatomy: str = "fine", rank: float = 1.0, fan: bool = False
 ) -> WrinkleGraph:
-    with monkeypatch.context() as patched:
-        patched.setattr(assembly, "perioral_lines", lambda *_: None)
-        return grown(device, age, anatomy, rank, found)
+    with patch.object(assembly, "perioral_lines", lambda *_: None):
+        return grown.__wrapped__(device, age, anatomy, rank, fan)
 
 
 def deepened(one: WrinkleGraph, two: WrinkleGraph) -> NDArray[np.intp]:
@@ -90,18 +87,18 @@ def deepened(one: WrinkleGraph, two: WrinkleGraph) -> NDArray[np.intp]:
     [(20.0, "fine", 1.0), (35.0, "fine", 1.0), (65.0, COARSE, 1.0), (65.0, "fine", 0.0)],
 )
 def test_skin_without_them_is_what_it_was(
-    device: Device, monkeypatch: pytest.MonkeyPatch, age: float, anatomy: str, rank: float
+    device: Device, age: float, anatomy: str, rank: float
 ) -> None:
-    bare = without(device, monkeypatch, age, anatomy, rank).arrays()
+    bare = without(device, age, anatomy, rank).arrays()
     for name, array in grown(device, age, anatomy, rank).arrays().items():
         np.testing.assert_array_equal(array, bare[name])
 
 
-def test_they_come_with_the_rank(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_they_come_with_the_rank(device: Device) -> None:
     change = []
     for rank in (0.02, 0.5, 1.0, 2.0):
         skin = grown(device, 65.0, rank=rank)
-        bare = without(device, monkeypatch, 65.0, rank=rank)
+        bare = without(device, 65.0, rank=rank)
         change.append(skin.edge_weight - bare.edge_weight)
     hint, half, whole, more = change
     assert np.abs(hint).max() < 0.02
@@ -120,7 +117,7 @@ def test_they_are_nearly_straight(device: Device, monkeypatch: pytest.MonkeyPatc
         return found
 
     monkeypatch.setattr(Ways, "along", kept)
-    skin = grown(device, 65.0)
+    skin = grown.__wrapped__(device, 65.0)
     assert len(drawn) > 15
     winding = []
     for lines in drawn:
@@ -133,10 +130,8 @@ def test_they_are_nearly_straight(device: Device, monkeypatch: pytest.MonkeyPatc
     assert max(winding) < 1.1
 
 
-def test_they_run_up_and_down_from_the_border_and_fade(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    skin, bare = grown(device, 65.0), without(device, monkeypatch, 65.0)
+def test_they_run_up_and_down_from_the_border_and_fade(device: Device) -> None:
+    skin, bare = grown(device, 65.0), without(device, 65.0)
     np.testing.assert_array_equal(skin.node_uv, bare.node_uv)
     lines = deepened(skin, bare)
     assert len(lines) > 60
@@ -152,9 +147,9 @@ def test_they_run_up_and_down_from_the_border_and_fade(
     assert weight[near].mean() > 1.5 * weight[far].mean()
 
 
-def test_fifty_has_a_hint_of_them(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fifty_has_a_hint_of_them(device: Device) -> None:
     def drawn(age: float) -> tuple[int, float]:
-        skin, bare = grown(device, age), without(device, monkeypatch, age)
+        skin, bare = grown(device, age), without(device, age)
         lines = deepened(skin, bare)
         deeper = skin.edge_weight[lines] - bare.edge_weight[lines]
         return len(lines), depth_factor(age) * float(deeper.sum())
@@ -165,8 +160,8 @@ def test_fifty_has_a_hint_of_them(device: Device, monkeypatch: pytest.MonkeyPatc
     assert 0.05 * deep < hint < 0.45 * deep
 
 
-def test_skin_beside_them_is_softer(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    skin, bare = grown(device, 65.0), without(device, monkeypatch, 65.0)
+def test_skin_beside_them_is_softer(device: Device) -> None:
+    skin, bare = grown(device, 65.0), without(device, 65.0)
     softer = np.flatnonzero(skin.edge_weight < bare.edge_weight - 0.02)
     lines = deepened(skin, bare)
     middle = skin.node_uv[skin.edge_nodes].mean(axis=1)
@@ -175,10 +170,8 @@ def test_skin_beside_them_is_softer(device: Device, monkeypatch: pytest.MonkeyPa
     assert gap.max() < 0.08
 
 
-def test_there_are_none_in_a_fan(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    found = fanned()
-    skin = grown(device, 65.0, found=found)
-    bare = without(device, monkeypatch, 65.0, found=found)
+def test_there_are_none_in_a_fan(device: Device) -> None:
+    skin, bare = grown(device, 65.0, fan=True), without(device, 65.0, fan=True)
     assert bare.edge_share is not None
 
     def in_fan(lines: NDArray[np.intp]) -> NDArray[np.intp]:
