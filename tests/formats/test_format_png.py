@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from PIL import Image
 
 from exports.textures.reading import read_texture
 from rhytid.errors import InputError
+from rhytid.formats import png
 from rhytid.formats.png import encode_png, renamed
 
 
@@ -40,6 +42,30 @@ def test_pillow_reads_the_same_codes_and_texts() -> None:
         image.load()
         np.testing.assert_array_equal(np.asarray(image), texels)
         assert image.info["scale"] == "0.5"
+
+
+@pytest.mark.parametrize("strip", [1, 40, 96, 1 << 19])  # bytes: rows one by one to all at once
+@pytest.mark.parametrize("shape", [(9, 4), (16, 8, 3)])
+def test_strips_are_one_stream(
+    strip: int, shape: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(png, "_STRIP", strip)
+    texels = np.random.default_rng(4).integers(0, 65535, shape, np.uint16)
+
+    data = encode_png(texels, {})
+
+    stream, at = b"", len(png.SIGNATURE)
+    while at < len(data):
+        size, name = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
+        body = data[at + 8 : at + 8 + size]
+        assert zlib.crc32(name + body) == int.from_bytes(data[at + 8 + size :][:4], "big")
+        stream += body if name == b"IDAT" else b""
+        at += 12 + size
+    # Which raises where the checksum is not that of all bytes.
+    rows = np.frombuffer(zlib.decompress(stream), np.uint8).reshape(shape[0], -1)
+    codes = np.cumsum(rows[:, 1:], axis=0, dtype=np.uint8).view(">u2").reshape(shape)
+    assert set(rows[:, 0]) == {2}
+    np.testing.assert_array_equal(codes, texels)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import io
 import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,8 +20,9 @@ from isal import isal_zlib
 from numpy.typing import NDArray
 
 from rhytid.errors import InputError
-from rhytid.formats.deflate import deflated
+from rhytid.formats.deflate import Section, end_of
 from rhytid.formats.limits import check_sides
+from rhytid.support.cores import on_all_cores
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -30,6 +31,8 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # Colour types of the header by channels, and the filter that stores differences to the row above.
 _COLOURS, _UP = {1: 0, 3: 2}, 2
 _GAMMA_1 = 100_000
+# Bytes of texels that a core works on at a time, which stay in its cache.
+_STRIP = 1 << 19
 # The length and the name of the first chunk follow the signature.
 _HEADER = SIGNATURE + b"\x00\x00\x00\x0dIHDR"
 _HEADER_BYTES = 29
@@ -46,7 +49,16 @@ def encode_png(
     texts: Mapping[str, str],
     linear: bool = False,
 ) -> bytes:
-    """The bytes of a file.
+    """The bytes of a file, as `png_parts` has them."""
+    return b"".join(png_parts(texels, texts, linear))
+
+
+def png_parts(
+    texels: NDArray[np.uint8] | NDArray[np.uint16],
+    texts: Mapping[str, str],
+    linear: bool = False,
+) -> list[bytes]:
+    """The bytes of a file, in parts.
 
     texels: (h, w) grey or (h, w, 3) RGB, row 0 at the top.  texts: by Latin keywords of up to 79
     letters.  linear: mark the values as proportional to what they stand for, by a gamma of 1;
@@ -59,10 +71,9 @@ def encode_png(
     bits = 8 * rows.dtype.itemsize
     head = struct.pack(">IIBBBBB", width, height, bits, _COLOURS[channels], 0, 0, 0)
     notes = (_chunk(b"iTXt", _text(name, text)) for name, text in texts.items())
-    data = deflated(_filtered(rows))
     gamma = [_chunk(b"gAMA", struct.pack(">I", _GAMMA_1))] if linear else []
-    parts = [_chunk(b"IHDR", head), *gamma, *notes, _chunk(b"IDAT", data), _chunk(b"IEND", b"")]
-    return b"".join([SIGNATURE, *parts])
+    header = [SIGNATURE, _chunk(b"IHDR", head), *gamma, *notes]
+    return [*header, *_image(rows), _chunk(b"IEND", b"")]
 
 
 def renamed(data: bytes, keyword: str, text: str) -> list[bytes]:
@@ -74,15 +85,36 @@ def renamed(data: bytes, keyword: str, text: str) -> list[bytes]:
     return [data[:start], _chunk(b"iTXt", _text(keyword, text)), data[end:]]
 
 
-def _filtered(rows: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
-    """Rows as bytes, high byte first, less those of the row above, each after its filter."""
-    high_first = rows.astype(rows.dtype.newbyteorder(">"), copy=False)
-    plain = np.ascontiguousarray(high_first).view(np.uint8).reshape(len(rows), -1)
-    out = np.empty((len(rows), plain.shape[1] + 1), np.uint8)
+def _image(rows: NDArray[np.uint8] | NDArray[np.uint16]) -> list[bytes]:
+    """The chunks of some rows, of which a core compresses a strip at a time."""
+    height = len(rows)
+    step = max(_STRIP // max(rows[:1].nbytes, 1), 1)
+
+    def strip(start: int) -> tuple[bytes, Section]:
+        stop = min(start + step, height)
+        filtered = _filtered(rows, start, stop).reshape(-1)
+        section = Section.of(filtered.data, first=start == 0, last=stop == height)
+        return _chunk(b"IDAT", section.data), replace(section, data=b"")
+
+    strips = on_all_cores(strip, range(0, height, step))
+    return [*(chunk for chunk, _ in strips), _chunk(b"IDAT", end_of(s for _, s in strips))]
+
+
+def _filtered(
+    rows: NDArray[np.uint8] | NDArray[np.uint16], start: int, stop: int
+) -> NDArray[np.uint8]:
+    """Rows `start` to `stop` as bytes, high byte first, less those of the row above, each after its
+    filter."""
+    above = max(start - 1, 0)
+    some = rows[above:stop]
+    high_first = some.astype(some.dtype.newbyteorder(">"), copy=False)
+    plain = np.ascontiguousarray(high_first).view(np.uint8).reshape(len(some), -1)
+    out = np.empty((stop - start, plain.shape[1] + 1), np.uint8)
     out[:, 0] = _UP
-    out[0, 1:] = plain[0]
-    np.subtract(plain[1:], plain[:-1], out=out[1:, 1:])
-    return out.tobytes()
+    if start == 0:
+        out[0, 1:] = plain[0]
+    np.subtract(plain[1:], plain[:-1], out=out[above + 1 - start :, 1:])
+    return out
 
 
 def _text(name: str, text: str) -> bytes:

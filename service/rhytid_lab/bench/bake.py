@@ -45,9 +45,11 @@ METHODS = ("redraw", "binned")
 # What is written of each frame, by the number of UDIMs: profiles, and the format of surfaces where
 # there are some.
 WRITTEN: Mapping[int, tuple[tuple[str, ...], ...]] = {
-    1: (("half",), ("float",), ("half", "glb"), ("half", "png16", "cavity")),
+    1: (
+        ("half",), ("float",), ("half", "glb"), ("half", "png16", "cavity"), ("half", "normal-gl"),
+    ),
     4: (("half",), ("float",)),
-}
+}  # fmt: skip
 # Frames that are drawn before time is taken: what a device keeps of one frame for the next is there
 # then.
 BEFORE = 2

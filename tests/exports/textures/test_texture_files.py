@@ -33,7 +33,7 @@ from rhytid.exports.textures.frame_map import (
 from rhytid.exports.textures.profiles import PROFILES, profiles_of
 from rhytid.exports.textures.stretch import stretch_map
 from rhytid.exports.textures.tangents import Posed
-from rhytid.formats import exr_encoder
+from rhytid.formats import exr_encoder, png
 from rhytid.formats.tile_header import TileHeader
 
 SIDE, DEPTH, SCALE, PADDED = 128, 0.01, 0.04, 8
@@ -472,7 +472,7 @@ def test_a_file_takes_no_more_memory_than_told(
     name: str, compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     side, strip = 512, 1 << 12  # so that strips are as small beside it as they are beside 4096²
-    for module, size in ((frame_maps, "_TEXELS"), (exr_encoder, "_STRIP")):
+    for module, size in ((frame_maps, "_TEXELS"), (exr_encoder, "_STRIP"), (png, "_STRIP")):
         monkeypatch.setattr(module, size, strip)
     noise = np.random.default_rng(5).uniform(-0.03, 0.02, (side, side)).astype(np.float32)
     codes = codes_of_normals(np.ones((side, side), np.bool_), 1)

@@ -112,23 +112,23 @@ _ALL = (
         writers.write_half, writers.plain_facts, described=False, packed=True, halves=True,
     ),
     Profile(
-        "png16", "png16-3", ".png", f"png16.{_UDIM_FIRST}", 2.0, 16,
+        "png16", "png16-4", ".png", f"png16.{_UDIM_FIRST}", 2.0, 12,
         writers.write_png16, writers.png16_facts, renamed=png_renamed,
     ),
     Profile(
-        "normal-gl", "normal-gl-4", ".png", f"normal-gl.{_UDIM_FIRST}", 6.0, 32,
+        "normal-gl", "normal-gl-5", ".png", f"normal-gl.{_UDIM_FIRST}", 6.0, 20,
         normals.write_normals, normals.normal_gl_facts, posed=True, renamed=png_renamed,
     ),
     Profile(
-        "normal-dx", "normal-dx-4", ".png", f"normal-dx.{_FRAME_FIRST}", 6.0, 32,
+        "normal-dx", "normal-dx-5", ".png", f"normal-dx.{_FRAME_FIRST}", 6.0, 20,
         normals.write_normals, normals.normal_dx_facts, posed=True, renamed=png_renamed,
     ),
     Profile(
-        "cavity", "cavity-2", ".png", f"cavity.{_FRAME_FIRST}", 1.0, 32,
+        "cavity", "cavity-3", ".png", f"cavity.{_FRAME_FIRST}", 1.0, 32,
         writers.write_cavity, writers.cavity_facts, renamed=png_renamed,
     ),
     Profile(
-        "weights", "weights-2", ".png", f"weights.{_FRAME_FIRST}", 3.0, 32,
+        "weights", "weights-3", ".png", f"weights.{_FRAME_FIRST}", 3.0, 32,
         stretch.write_weights, stretch.weight_facts, drawn=False, posed=True, renamed=png_renamed,
     ),
     Profile(
@@ -136,7 +136,7 @@ _ALL = (
         stretch.write_stretch, stretch.stretch_facts, described=False, drawn=False, posed=True,
     ),
     Profile(
-        "blood", "blood-2", ".png", f"blood.{_UDIM_FIRST}", 2.0, 32,
+        "blood", "blood-3", ".png", f"blood.{_UDIM_FIRST}", 2.0, 12,
         stretch.write_blood, stretch.blood_facts, drawn=False, lagging=True, renamed=png_renamed,
     ),
     Profile(
@@ -144,12 +144,12 @@ _ALL = (
         shine.write_slopes, shine.slope_facts, described=False, posed=True, of_slopes=True,
     ),
     Profile(
-        "roughness", "roughness-2", ".png", f"roughness.{_UDIM_FIRST}", 6.0, 64,
+        "roughness", "roughness-3", ".png", f"roughness.{_UDIM_FIRST}", 6.0, 64,
         shine.write_roughness, shine.roughness_facts, posed=True, of_slopes=True,
         renamed=png_renamed,
     ),
     Profile(
-        "anisotropy", "anisotropy-2", ".png", f"anisotropy.{_UDIM_FIRST}", 6.0, 64,
+        "anisotropy", "anisotropy-3", ".png", f"anisotropy.{_UDIM_FIRST}", 6.0, 64,
         shine.write_anisotropy, shine.anisotropy_facts, posed=True, of_slopes=True,
         renamed=png_renamed,
     ),

@@ -18,7 +18,7 @@ from rhytid.domain.wording import install_hint
 from rhytid.errors import InputError, StorageError
 from rhytid.exports.textures.frame_map import Chart, Facts, FrameMap, attributes
 from rhytid.formats.exr_encoder import Texels, exr_body
-from rhytid.formats.png import encode_png
+from rhytid.formats.png import png_parts
 from rhytid.formats.tiles import quantise
 from rhytid.support.atomic_files import (
     atomic_write,
@@ -133,7 +133,7 @@ def write_png(
     ends = np.min(values), np.max(values)
     texts = {name: str(v) for name, v in attributes(map.header, facts, *ends).items()}
     with atomic_write(path) as aside:
-        return write_hashed(aside, [encode_png(codes, texts, linear)])
+        return write_hashed(aside, png_parts(codes, texts, linear))
 
 
 def cavity_map(heights: NDArray[np.float32], chart: Chart, depth: float) -> NDArray[np.float32]:
