@@ -207,8 +207,8 @@ class DiskFullError(StorageError):
     """The disk has no room for what was to be written; none of it is kept."""
 
     public = (
-        "the disk of the server is full, and nothing of this was kept: "
-        "free some of it, or delete assets"
+        "the disk of the server is full: free some of it, or delete assets; "
+        "what found no room is not kept"
     )
 
 

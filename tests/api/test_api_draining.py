@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import socket
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -16,6 +17,8 @@ import pytest
 from api.asking import NPY, built, is_problem, npy
 from api.fake_engine import FakeEngine
 from api.patch import obj, smile, upload
+from api.test_api_memory import connected, map_path
+from rhytid.api.server import http_server
 from rhytid.api.server.http_server import LAST_GRACE, server_of
 from rhytid.api.server.listening import LOOPBACK, address_of, listen
 from rhytid.support.settings import ServiceSettings
@@ -139,6 +142,29 @@ def test_a_drain_has_an_end() -> None:
         assert cut_off.headers["connection"] == "close"
         slow.go.set()
         assert slow.ended.wait(10)
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
+def test_an_answer_that_nobody_reads_is_broken_off_in_one_line(
+    how: signal.Signals, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "rhytid")
+    monkeypatch.setattr(http_server, "GRACE", 1)
+    with running(1) as slow:
+        slow.go.set()
+        path = f"{map_path(slow.client, 2048)}?format=npy"
+        with connected(slow.client) as reader:
+            reader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)
+            reader.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+            assert reader.recv(4) == b"HTTP"
+            slow.server.handle_exit(how, None)
+            assert slow.ended.wait(20)
+    assert not [record for record in caplog.records if record.exc_info]
+    lines = [record.getMessage() for record in caplog.records]
+    broken = [line for line in lines if "broken off" in line]
+    assert broken == [f"GET {path.partition('?')[0]}: broken off, the server ends"]
+    said = "SIGTERM: new requests are refused, 1 finish"
+    assert lines.count(said) == (how == signal.SIGTERM)
 
 
 def test_a_stream_of_events_ends_with_the_drain() -> None:

@@ -26,7 +26,7 @@ mount --make-rprivate /
 mount -t tmpfs -o size={SIZE} tmpfs /mnt
 exec "$PYTHON" -m rhytid serve --port 0 --store /mnt
 """
-WORDS = "the disk of the server is full, and nothing of this was kept"
+WORDS = "the disk of the server is full: free some of it"
 
 
 class Small(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import signal
@@ -10,16 +11,21 @@ import sys
 import threading
 import time
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from rhytid.errors import DiskFullError
 from rhytid.storage.shared.folder_backend import FolderBackend
 from rhytid.support import atomic_files
 from rhytid.support.atomic_files import (
+    UNFINISHED,
     atomic_write,
     prepared_in,
     shared_working_folder,
+    storage_errors,
     sweep,
     write_hashed,
 )
@@ -80,6 +86,54 @@ def test_a_killed_writer_leaves_no_half_file_and_what_is_left_is_swept(tmp_path:
     os.utime(tmp_path / "kept", (days, days))
     sweep(tmp_path)
     assert [file.name for file in tmp_path.iterdir()] == ["kept"]
+
+
+class FullFile:
+    """A file on a full disk, which takes some bytes of what is written."""
+
+    def __init__(self, taken: int, *arguments: Any, **options: Any) -> None:
+        self._file, self._taken = open(*arguments, **options), taken  # noqa: SIM115
+
+    def __enter__(self) -> FullFile:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def write(self, data: bytes) -> int:
+        if not self._taken:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return self._file.write(data[: self._taken])
+
+
+@pytest.mark.parametrize("taken", [0, 3])
+def test_a_full_disk_is_told_of_the_file_and_keeps_nothing(
+    taken: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(atomic_files, "open", partial(FullFile, taken), raising=False)
+    with pytest.raises(OSError, match="No space left") as told, atomic_write(tmp_path / "map.exr"):
+        pass
+    assert told.value.filename == str(tmp_path / "map.exr")
+    assert not [*tmp_path.iterdir()]
+
+
+def test_what_finds_no_room_in_the_block_is_told_of_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "map.exr"
+    told = pytest.raises(DiskFullError, match=r"map\.exr is not there: No space left on device$")
+    with told, storage_errors(f"{file} is not there"), atomic_write(file):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.parametrize("marker", [b"", UNFINISHED.text()[:7]])
+def test_a_folder_whose_marker_found_no_room_is_swept(marker: bytes, tmp_path: Path) -> None:
+    left, of_another = (tmp_path / f".unfinished-{letter * 32}" for letter in "ab")
+    for folder, text in ((left, marker), (of_another, b"mine")):
+        folder.mkdir()
+        (folder / UNFINISHED.marker).write_bytes(text)
+        days = folder.stat().st_mtime - 25 * 3600
+        os.utime(folder, (days, days))
+    sweep(tmp_path)
+    assert [*tmp_path.iterdir()] == [of_another]
 
 
 def test_what_a_killed_writer_left_goes_with_the_place_where_it_was_prepared(

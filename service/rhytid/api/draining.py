@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
 
 from starlette.datastructures import MutableHeaders
@@ -11,6 +12,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from rhytid.api.problems import KINDS, problem
 from rhytid.errors import DrainingError
 
+_log = logging.getLogger(__name__)
 # Paths that are answered to the end: a watcher of the server sees that it runs, and how it ends.
 _WATCHING = ("/healthz", "/metrics")
 _CLOSING = {"Connection": "close", "Retry-After": str(DrainingError.retry_after)}
@@ -64,7 +66,7 @@ class _Closing:
 class Draining:
     """ASGI middleware: counts the requests that run. Once the drain has begun it refuses new
     requests and closes connections. A request that the server cancels at the end of the drain is
-    refused in the same way."""
+    refused in the same way; an answer that is half sent then is broken off, and the log says so."""
 
     def __init__(self, app: ASGIApp, drain: Drain) -> None:
         self.app = app
@@ -83,9 +85,12 @@ class Draining:
         try:
             await self.app(scope, receive, closing)
         except asyncio.CancelledError:
-            if not (counts and self._drain.begun) or closing.answered:
+            if not (counts and self._drain.begun):
                 raise
-            await self._refused(scope, receive, send)
+            if closing.answered:
+                _log.warning("%s %s: broken off, the server ends", scope["method"], scope["path"])
+            else:
+                await self._refused(scope, receive, send)
         finally:
             self._drain.running -= counts
 

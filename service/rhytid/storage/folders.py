@@ -114,7 +114,8 @@ class StoreFolders:
 
         before: files that stand in `home` as soon as home/kind does.
         """
-        with storage_errors(f"{kind} {home.name} cannot be written"), self.workplace() as place:
+        failing = f"{kind} {home.name} cannot be written in {self.assets.parent}"
+        with storage_errors(failing), self.workplace() as place:
             write_with_manifest(place / kind, f"{kind} {home.name}", files)
             for name, data in before.items():
                 atomic_files.write_file(place / name, data)

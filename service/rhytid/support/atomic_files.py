@@ -72,7 +72,8 @@ def storage_errors(doing: str) -> Iterator[None]:
     try:
         yield
     except OSError as exc:
-        raise storage_error_class(exc)(f"{doing}: {exc}") from exc
+        named = exc.filename is not None and str(exc.filename) in doing
+        raise storage_error_class(exc)(f"{doing}: {exc.strerror if named else exc}") from exc
 
 
 def storage_error_class(failure: OSError) -> type[StorageError]:
@@ -211,22 +212,26 @@ def _new_hidden_folder(folder: Path) -> Path:
     name = f"{_UNFINISHED}{_new_name()}"
     if (other := _places.get(folder)) is not None:
         with suppress(OSError):  # it is gone, or of another user
-            (other / name).mkdir(mode=0o700)
-            _mark_unfinished(other / name)
-            return other / name
-    (folder / name).mkdir(mode=0o700)
-    _mark_unfinished(folder / name)
-    return folder / name
+            return _marked_folder(other / name)
+    return _marked_folder(folder / name)
 
 
-def _mark_unfinished(place: Path) -> None:
-    """Write the marker without syncing it: each map of a bake has such a folder for a moment."""
-    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
-    descriptor = os.open(place / UNFINISHED.marker, flags, 0o644)
+def _marked_folder(place: Path) -> Path:
+    """Make a folder with a marker, or nothing. The marker is not synced: each map of a bake has
+    such a folder for a moment."""
+    place.mkdir(mode=0o700)
     try:
-        os.write(descriptor, UNFINISHED.text())
-    finally:
-        os.close(descriptor)
+        with open(place / UNFINISHED.marker, "xb", opener=_readable, buffering=0) as marker:
+            if marker.write(UNFINISHED.text()) != len(UNFINISHED.text()):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    except BaseException:
+        remove_tree(place)
+        raise
+    return place
+
+
+def _readable(path: str, flags: int) -> int:
+    return os.open(path, flags, READABLE)
 
 
 @contextmanager
@@ -280,9 +285,9 @@ def atomic_write(file: Path, *, private: bool = False, group: bool = False) -> I
 
     private: the file is readable for its owner alone, else as the system makes files.  group: with
     `private`, for its group, too. A process that is killed in the block leaves a hidden folder
-    beside `file`, or where `prepared_in` says: see `sweep`.
+    beside `file`, or where `prepared_in` says: see `sweep`. A full disk is told as one of `file`.
     """
-    with _hidden_working_folder(file.parent) as place:
+    with _naming_where_full(file), _hidden_working_folder(file.parent) as place:
         if group:
             restrict(place, group=True)
         aside = place / file.name
@@ -296,6 +301,18 @@ def atomic_write(file: Path, *, private: bool = False, group: bool = False) -> I
         finally:
             del _prepared[aside]
             _digests.pop(aside, None)
+
+
+@contextmanager
+def _naming_where_full(file: Path) -> Iterator[None]:
+    """In the block, an OSError for lack of room names the file that users know: what fails to be
+    written names none, or one in a hidden folder."""
+    try:
+        yield
+    except OSError as exc:
+        if exc.errno in _FULL:
+            exc.filename = str(file)
+        raise
 
 
 @contextmanager
@@ -363,8 +380,13 @@ def sweep_partial(partial: Path, *, at_once: bool) -> None:
 
 
 def _remove_empty(left: Path) -> None:
-    """Remove a folder whose writer was killed before it had marked it."""
+    """Remove a folder whose writer was killed, or had no room, before it had marked it."""
+    marker = left / UNFINISHED.marker
     with suppress(OSError):  # something is in it
+        if [*left.iterdir()] == [marker] and stat.S_ISREG(marker.lstat().st_mode):
+            if not UNFINISHED.text().startswith(marker.read_bytes()):
+                return
+            marker.unlink()
         left.rmdir()
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import logging
 import signal
 import socket
 import threading
@@ -21,10 +23,13 @@ if TYPE_CHECKING:
     from rhytid.api.draining import Drain
     from rhytid.engine.operations import Engine
 
+_log = logging.getLogger(__name__)
 # Seconds that open requests get to finish after an interrupt.
 GRACE = 5
 # The same once these had the time of a drain, or somebody does not want to wait for it.
 LAST_GRACE = 1
+# Seconds in which requests that are cancelled then are answered.
+_LAST_WORDS = 0.1
 
 
 class DrainingServer(uvicorn.Server):
@@ -38,6 +43,7 @@ class DrainingServer(uvicorn.Server):
         super().__init__(config)
         self._drain, self._begun = drain, begun
         self._signal: int | None = None
+        self._told = False
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Begin to drain. A second signal, or another than SIGTERM, ends the server at once."""
@@ -53,16 +59,26 @@ class DrainingServer(uvicorn.Server):
 
     async def on_tick(self, counter: int) -> bool:
         """Whether to end; uvicorn asks ten times a second."""
+        if self._signal is not None and not self._told:
+            self._told = True
+            _log.info("SIGTERM: new requests are refused, %d finish", self._drain.running)
         if self._signal is not None and self._drain.over and not self.should_exit:
             self._end(self._signal)
         return await super().on_tick(counter)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """End the lifespan of the application even after a second SIGINT, at which uvicorn leaves
-        it to be cancelled, and logs that as an error."""
+        """Drain for as long as uvicorn waits, after SIGINT, too. End the lifespan of the application
+        even after a second SIGINT, at which uvicorn leaves it to be cancelled, and logs that as an
+        error. Break off what is left then: uvicorn lets a connection be whose client does not read
+        the rest, and uvloop fails to close around it."""
+        self._drain.begin()
         await super().shutdown(sockets)
         if self.force_exit:
             await self.lifespan.shutdown()
+        if self.server_state.connections:
+            await asyncio.sleep(_LAST_WORDS)
+        for connection in list(self.server_state.connections):
+            connection.transport.abort()
 
     def _end(self, sig: int) -> None:
         """End the server; requests get LAST_GRACE seconds."""
