@@ -131,7 +131,7 @@ def test_a_patch_beyond_the_mesh_is_refused(
     assert main(given) == 1
     assert "lies beside the mesh or in another UDIM" in capsys.readouterr().err
     assert main(["measure", str(sheet), "--scan", str(scan), "--place", "nose"]) == 1
-    assert "show no such region: none" in capsys.readouterr().err
+    assert "do not show it; they show none" in capsys.readouterr().err
 
 
 def test_a_painted_region_is_a_place(
@@ -154,7 +154,7 @@ def test_a_painted_region_is_a_place(
     assert main(["measure", *given, "--place", "nose"]) == 1
     assert "--place nose: no triangle of it is in UDIM 1001" in capsys.readouterr().err
     assert main(["measure", *given, "--place", "cheek"]) == 1
-    assert "--place cheek: the expressions show no such region" in capsys.readouterr().err
+    assert "--place cheek: the expressions do not show it" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")

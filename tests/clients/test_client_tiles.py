@@ -44,6 +44,9 @@ def test_what_was_sent_is_kept(tmp_path: Path, format: str, extension: str) -> N
     by_name = tile.save(str(tmp_path / f"other{extension}"))
     assert in_folder.read_bytes() == by_name.read_bytes() == tile.content
     assert sorted(tmp_path.iterdir()) == sorted([in_folder, by_name])
+    in_new_folder = tile.save(tmp_path / "new" / "maps", name="cheek")
+    assert in_new_folder == tmp_path / "new" / "maps" / in_folder.name
+    assert in_new_folder.read_bytes() == tile.content
 
 
 def test_half_floats_become_an_array_file(tmp_path: Path) -> None:
@@ -77,6 +80,7 @@ def test_flat_and_tiny_tiles_have_files_and_pictures() -> None:
         (drawn(), "a.exr", {}, "ask for format='exr' or format='exr16'"),
         (drawn("exr"), "a.npy", {}, "ask for format='npy'"),
         (drawn("exr"), "a.png", {}, "ask for format='png'"),
+        (drawn("exr"), "maps", {"scale": 1.0}, "leave scale out"),
         (drawn(), "a.tif", {}, "written as .npy, .f16, .exr, .png"),
         (drawn(), "a.png", {"scale": 0.0}, "scale 0"),
         (drawn(), "a.npy", {"scale": 1.0}, "leave scale out"),

@@ -50,10 +50,10 @@ class Tile:
     ) -> Path:
         """Write a file and return its path.
 
-        path: a file, whose extension says the format; or a folder that is there, for a file called
-        as those of `bake` are, NAME.<UDIM>.<FRAME>.exr, with the extension of the tile's format.
-        FRAME is the name in the service, which counts frames of a mesh file from 0001, as `bake`
-        does.
+        path: a file, whose extension says the format; or a folder, which is there or has no
+        extension and is made, for a file called as those of `bake` are, NAME.<UDIM>.<FRAME>.exr,
+        with the extension of the tile's format. FRAME is the name in the service, which counts
+        frames of a mesh file from 0001, as `bake` does.
         What the server sent is written as it came. Of a tile that came as npy or f16 also .npy of
         the same type, and .png of 16 bits are made here.
         scale: of such a .png, mesh units that white stands for, (p - 32768) / 32767 · scale is the
@@ -61,9 +61,12 @@ class Tile:
         Raises ValueError for what cannot be made here: ask the server for it with `format`.
         """
         path = Path(path)
-        if path.is_dir():
+        if folder := path.is_dir() or not (path.suffix or path.exists()):
             path = path / f"{name}.{self.label}{EXTENSIONS[self.format]}"
-        write_whole(path, _file(self, path, scale))
+        data = _file(self, path, scale)
+        if folder:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, data)
         return path
 
     def _repr_png_(self) -> bytes | None:

@@ -147,7 +147,7 @@ def check_file_name(text: str) -> str:
     """Return the text. Raises InputError where it cannot be a part of the names of written
     files."""
     if not is_file_name(text):
-        rule = "a letter or digit, then up to 63 letters, digits, '_' or '-'"
+        rule = "an ASCII letter or digit, then up to 63 of these, '_' or '-'"
         raise InputError(f"{text!r}: use {rule}")
     return text
 

@@ -49,8 +49,8 @@ class FrameFiles:
         self.places = listed or self._found([file for file in files if isinstance(file, Path)])
         if not self.places:
             raise FrameError(
-                "no frames: name files of frames, the neutral's own for skin at rest, or a mesh "
-                "file that holds frames"
+                "no frames: give a mesh file that holds frames, or files of them with --frames; "
+                "skin at rest is --frames with the mesh file itself"
             )
 
     def _found(self, files: Sequence[Path]) -> list[FramePlace]:

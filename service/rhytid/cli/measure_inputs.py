@@ -191,7 +191,7 @@ def folds_of(arguments: argparse.Namespace, read: MeshFile, unit: str) -> Folds 
     masks = {} if folds is None else folds.regions
     if missing := [name for name in regions if name not in masks]:
         there = ", ".join(masks) or "none"
-        raise InputError(f"--place {missing[0]}: the expressions show no such region: {there}")
+        raise InputError(f"--place {missing[0]}: the expressions do not show it; they show {there}")
     assert folds is not None
     return folds
 

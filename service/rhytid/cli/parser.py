@@ -40,7 +40,7 @@ class HelpFormatter(argparse.HelpFormatter):
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         optional = action.option_strings and not action.required and action.nargs != 0
-        if not action.help or not optional or "(default: " in action.help:
+        if not action.help or not optional or "(default" in action.help:
             return action.help
         known = action.default not in (None, []) and action.default is not argparse.SUPPRESS
         return f"{action.help} (default: {'%(default)s' if known else 'none'})"

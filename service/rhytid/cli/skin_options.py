@@ -165,7 +165,9 @@ def given_settings(arguments: argparse.Namespace) -> dict[str, Any]:
         return {}
     try:
         given = json.loads(arguments.settings.read_bytes())
-    except (ValueError, RecursionError) as exc:
+    except RecursionError as exc:
+        raise SettingsError(f"{arguments.settings} is JSON nested too deeply") from exc
+    except ValueError as exc:
         raise SettingsError(f"{arguments.settings} is not JSON: {exc}") from exc
     try:
         AssetSettings.parse(given)

@@ -20,7 +20,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", re.ASCII)
 def check_frame_name(name: str) -> str:
     """Return a frame's name; raise FrameError where the API does not allow it."""
     if not _NAME.fullmatch(name):
-        rule = "a letter or digit, then up to 63 letters, digits, '_', '.' or '-'"
+        rule = "an ASCII letter or digit, then up to 63 of these, '_', '.' or '-'"
         raise FrameError(f"frame name {name!r}: use {rule}")
     return name
 

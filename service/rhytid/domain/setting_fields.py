@@ -176,7 +176,8 @@ def _number(rule: Mapping[str, Any], value: Any, path: str) -> float | int:
     if isinstance(value, bool) or not isinstance(value, allowed):
         raise SettingsError(f"{path} is {value!r}: must be {kind}")
     if not rule["low"] <= value <= rule["high"] or not math.isfinite(value):
-        raise SettingsError(f"{path} is {value!r}: from {rule['low']:g} to {rule['high']:g}")
+        low, high = (f"{rule[end]:{'d' if rule['whole'] else 'g'}}" for end in ("low", "high"))
+        raise SettingsError(f"{path} is {value!r}: from {low} to {high}")
     if not rule["whole"]:
         return float(value)
     if rule.get("power") and int(value).bit_count() != 1:

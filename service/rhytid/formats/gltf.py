@@ -107,7 +107,9 @@ def _chunks(data: bytes) -> list[tuple[int, bytes]]:
 def _parse(text: bytes) -> dict[str, Any]:
     try:
         document = json.loads(text, parse_constant=_refuse)
-    except (ValueError, RecursionError) as exc:
+    except RecursionError as exc:
+        raise MeshError("the glTF JSON cannot be read: it is nested too deeply") from exc
+    except ValueError as exc:
         raise MeshError(f"the glTF JSON cannot be read: {exc}") from exc
     if not isinstance(document, dict):
         raise MeshError("the glTF JSON is not an object")

@@ -28,7 +28,7 @@ from rhytid_lab.bench.service import METHODS
 
 # Where the bins are the most that `--scaling` times.
 _MOST_BINS = 16
-GIB = 1 << 30
+MIB, GIB = 1 << 20, 1 << 30
 # Bytes on the device, measured on the built-in face at 1024² and 2048² with 5,000 to 300,000
 # wrinkles. A texel: two maps that are copied; what a case draws into; the triangles beside the
 # precomputed maps; the neutral tiles of `convolved` with their rims, at the widest blur.
@@ -143,4 +143,4 @@ class Need:
 
 
 def _gib(count: int) -> str:
-    return f"{count / GIB:.1f} GiB"
+    return f"{count / GIB:.1f} GiB" if count >= GIB / 10 else f"{count / MIB:.0f} MiB"

@@ -67,10 +67,10 @@ class DrainingServer(uvicorn.Server):
         return await super().on_tick(counter)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Drain for as long as uvicorn waits, after SIGINT, too. End the lifespan of the application
-        even after a second SIGINT, at which uvicorn leaves it to be cancelled, and logs that as an
-        error. Break off what is left then: uvicorn lets a connection be whose client does not read
-        the rest, and uvloop fails to close around it."""
+        """Drain for as long as uvicorn waits, after SIGINT, too. End the lifespan of the
+        application even after a second SIGINT, at which uvicorn leaves it to be cancelled, and logs
+        that as an error. Break off what is left then: uvicorn lets a connection be whose client
+        does not read the rest, and uvloop fails to close around it."""
         self._drain.begin()
         await super().shutdown(sockets)
         if self.force_exit:
