@@ -82,7 +82,10 @@ def print_need(
     """Say on stderr what the bench needs; raises DeviceMemoryError where there is less."""
     need = Need.of(settings, cases, wrinkles, len(mesh.faces))
     need.check(device)
-    size = f"{settings.resolution} x {settings.resolution} texels, {wrinkles:,.0f} wrinkles"
+    # Else they follow from the spacing, roughly.
+    known = isinstance(wrinkles, int) or settings.graph.wrinkles is not None
+    count = f"{wrinkles:,.0f}" if known else f"about {float(f'{wrinkles:.2g}'):,.0f}"
+    size = f"{settings.resolution} x {settings.resolution} texels, {count} wrinkles"
     print(f"rhytid bench: {size}: {need.text()}", file=sys.stderr, flush=True)
 
 
