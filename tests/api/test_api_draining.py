@@ -17,7 +17,7 @@ import pytest
 from api.asking import NPY, built, is_problem, npy
 from api.fake_engine import FakeEngine
 from api.patch import obj, smile, upload
-from api.test_api_memory import connected, map_path
+from api.test_api_memory import connected, map_path, soon
 from rhytid.api.server import http_server
 from rhytid.api.server.http_server import LAST_GRACE, server_of
 from rhytid.api.server.listening import LOOPBACK, address_of, listen
@@ -43,12 +43,12 @@ class Slow:
 
 
 @contextmanager
-def running(seconds: int) -> Iterator[Slow]:
+def running(seconds: int, log_level: str = "critical") -> Iterator[Slow]:
     engine: Any = FakeEngine()
     told: list[str] = []
     settings = ServiceSettings(drain_seconds=seconds)
     with closing(listen(LOOPBACK, 0)) as listening:
-        server = server_of(engine, settings, "critical", lambda: told.append("begun"))
+        server = server_of(engine, settings, log_level, lambda: told.append("begun"))
         url = address_of(listening)
         with closing(httpx.Client(base_url=url, timeout=20)) as client:
             slow = Slow(url, engine, server, client, told=told)
@@ -144,13 +144,26 @@ def test_a_drain_has_an_end() -> None:
         assert slow.ended.wait(10)
 
 
+def test_a_sigterm_after_an_interrupt_sets_a_bound_to_the_end(slow: Slow) -> None:
+    with ThreadPoolExecutor(1) as pool:
+        answer = pool.submit(httpx.get, slow.url + slow.tile, timeout=20)
+        assert slow.drawing.wait(20)
+        slow.server.handle_exit(signal.SIGINT, None)
+        soon(lambda: slow.server.should_exit and slow.server._drain.begun)
+        slow.end()
+        assert slow.told == ["begun"]
+        slow.go.set()
+        assert answer.result().status_code == 200
+    assert slow.ended.wait(10)
+
+
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
 def test_an_answer_that_nobody_reads_is_broken_off_in_one_line(
     how: signal.Signals, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    caplog.set_level("INFO", "rhytid")
+    caplog.set_level("INFO")
     monkeypatch.setattr(http_server, "GRACE", 1)
-    with running(1) as slow:
+    with running(1, "info") as slow:
         slow.go.set()
         path = f"{map_path(slow.client, 2048)}?format=npy"
         with connected(slow.client) as reader:
@@ -163,6 +176,7 @@ def test_an_answer_that_nobody_reads_is_broken_off_in_one_line(
     lines = [record.getMessage() for record in caplog.records]
     broken = [line for line in lines if "broken off" in line]
     assert broken == [f"GET {path.partition('?')[0]}: broken off, the server ends"]
+    assert [line for line in lines if "ASGI" in line] == []
     said = "SIGTERM: new requests are refused, 1 finish"
     assert lines.count(said) == (how == signal.SIGTERM)
 

@@ -77,7 +77,7 @@ def test_no_more_wait_than_there_are_bytes_for(engine: FakeEngine, tmp_path: Pat
 
 @pytest.mark.parametrize(
     ("profiles", "texel_bytes"),
-    [(["half"], 12), (["half", "normal-gl", "png16"], 24), (["png16"], 16)],
+    [(["half"], 12), (["half", "normal-gl", "png16"], 30), (["png16"], 18)],
 )
 def test_a_map_holds_what_the_largest_of_its_files_takes(
     profiles: list[str], texel_bytes: int, engine: FakeEngine, tmp_path: Path,

@@ -47,6 +47,8 @@ def test_what_was_sent_is_kept(tmp_path: Path, format: str, extension: str) -> N
     in_new_folder = tile.save(tmp_path / "new" / "maps", name="cheek")
     assert in_new_folder == tmp_path / "new" / "maps" / in_folder.name
     assert in_new_folder.read_bytes() == tile.content
+    in_version = tile.save(f"{tmp_path}/maps.v2/", name="cheek")
+    assert in_version == tmp_path / "maps.v2" / in_folder.name
 
 
 def test_half_floats_become_an_array_file(tmp_path: Path) -> None:

@@ -69,7 +69,14 @@ def test_strips_are_one_stream(
 
 
 @pytest.mark.parametrize(
-    "texels", [np.zeros((2, 2, 2), np.uint8), np.zeros((2, 2), np.int16), np.zeros(4, np.uint8)]
+    "texels",
+    [
+        np.zeros((2, 2, 2), np.uint8),
+        np.zeros((2, 2), np.int16),
+        np.zeros(4, np.uint8),
+        np.zeros((0, 4), np.uint8),
+        np.zeros((4, 0, 3), np.uint16),
+    ],
 )
 def test_what_is_no_picture_is_refused(texels: Any) -> None:
     with pytest.raises(InputError, match="no PNG of"):

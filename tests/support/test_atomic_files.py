@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from rhytid.errors import DiskFullError
+from rhytid.errors import DiskFullError, StorageError
 from rhytid.storage.shared.folder_backend import FolderBackend
 from rhytid.support import atomic_files
 from rhytid.support.atomic_files import (
@@ -122,6 +122,19 @@ def test_what_finds_no_room_in_the_block_is_told_of_the_file(tmp_path: Path) -> 
     told = pytest.raises(DiskFullError, match=r"map\.exr is not there: No space left on device$")
     with told, storage_errors(f"{file} is not there"), atomic_write(file):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_another_file_that_finds_no_room_is_told(tmp_path: Path) -> None:
+    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/scratch/room")
+    told = pytest.raises(DiskFullError, match=r"not there: .*No space left on device: '/scratch")
+    with told, storage_errors("map.exr is not there"), atomic_write(tmp_path / "map.exr"):
+        raise full
+
+
+def test_a_name_that_only_begins_a_message_is_told() -> None:
+    told = pytest.raises(StorageError, match="denied: '/data/maps'$")
+    with told, storage_errors("/data/maps.exr cannot be written"):
+        raise OSError(errno.EACCES, "denied", "/data/maps")
 
 
 @pytest.mark.parametrize("marker", [b"", UNFINISHED.text()[:7]])

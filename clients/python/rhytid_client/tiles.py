@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -50,22 +51,24 @@ class Tile:
     ) -> Path:
         """Write a file and return its path.
 
-        path: a file, whose extension says the format; or a folder, which is there or has no
-        extension and is made, for a file called as those of `bake` are, NAME.<UDIM>.<FRAME>.exr,
-        with the extension of the tile's format. FRAME is the name in the service, which counts
-        frames of a mesh file from 0001, as `bake` does.
+        path: a file, whose extension says the format; or a folder, for a file called as those of
+        `bake` are, NAME.<UDIM>.<FRAME>.exr, with the extension of the tile's format. What is not
+        there and ends with a slash or has no extension is a folder, and is made. FRAME is the name
+        in the service, which counts frames of a mesh file from 0001, as `bake` does.
         What the server sent is written as it came. Of a tile that came as npy or f16 also .npy of
         the same type, and .png of 16 bits are made here.
         scale: of such a .png, mesh units that white stands for, (p - 32768) / 32767 · scale is the
         height; the largest absolute height unless given: give one for files that belong together.
         Raises ValueError for what cannot be made here: ask the server for it with `format`.
         """
-        path = Path(path)
-        if folder := path.is_dir() or not (path.suffix or path.exists()):
-            path = path / f"{name}.{self.label}{EXTENSIONS[self.format]}"
+        as_folder = str(path).endswith(("/", os.sep))
+        path, folder = Path(path), None
+        if path.is_dir() or (not path.exists() and (as_folder or not path.suffix)):
+            folder = path
+            path = folder / f"{name}.{self.label}{EXTENSIONS[self.format]}"
         data = _file(self, path, scale)
         if folder:
-            path.parent.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(parents=True, exist_ok=True)
         write_whole(path, data)
         return path
 

@@ -65,7 +65,8 @@ def png_parts(
     without it readers assume sRGB. Raises InputError for another shape or type.
     """
     rows = texels[..., None] if texels.ndim == 2 else texels
-    if rows.ndim != 3 or rows.shape[2] not in _COLOURS or rows.dtype not in (np.uint8, np.uint16):
+    kinds = (np.uint8, np.uint16)
+    if rows.ndim != 3 or rows.shape[2] not in _COLOURS or not rows.size or rows.dtype not in kinds:
         raise InputError(f"no PNG of {texels.dtype} {texels.shape}: grey or RGB of 8 or 16 bits")
     height, width, channels = rows.shape
     bits = 8 * rows.dtype.itemsize

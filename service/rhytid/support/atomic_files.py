@@ -27,6 +27,7 @@ from rhytid.support.ownership import (
     is_marked,
     is_real_folder,
     owned_entries,
+    read_plain,
     restrict,
 )
 from rhytid.support.temporary_folders import removed_on_abort
@@ -72,7 +73,7 @@ def storage_errors(doing: str) -> Iterator[None]:
     try:
         yield
     except OSError as exc:
-        named = exc.filename is not None and str(exc.filename) in doing
+        named = exc.filename2 is None and doing.startswith(f"{exc.filename} ")
         raise storage_error_class(exc)(f"{doing}: {exc.strerror if named else exc}") from exc
 
 
@@ -310,7 +311,8 @@ def _naming_where_full(file: Path) -> Iterator[None]:
     try:
         yield
     except OSError as exc:
-        if exc.errno in _FULL:
+        parts = Path(exc.filename or "").parts
+        if exc.errno in _FULL and (not parts or any(map(_HIDDEN.fullmatch, parts))):
             exc.filename = str(file)
         raise
 
@@ -384,7 +386,8 @@ def _remove_empty(left: Path) -> None:
     marker = left / UNFINISHED.marker
     with suppress(OSError):  # something is in it
         if [*left.iterdir()] == [marker] and stat.S_ISREG(marker.lstat().st_mode):
-            if not UNFINISHED.text().startswith(marker.read_bytes()):
+            longest = len(UNFINISHED.text())
+            if not UNFINISHED.text().startswith(read_plain(marker, longest)):
                 return
             marker.unlink()
         left.rmdir()

@@ -23,13 +23,19 @@ if TYPE_CHECKING:
     from rhytid.api.draining import Drain
     from rhytid.engine.operations import Engine
 
-_log = logging.getLogger(__name__)
+_log, _uvicorn = logging.getLogger(__name__), logging.getLogger("uvicorn.error")
 # Seconds that open requests get to finish after an interrupt.
 GRACE = 5
 # The same once these had the time of a drain, or somebody does not want to wait for it.
 LAST_GRACE = 1
 # Seconds in which requests that are cancelled then are answered.
 _LAST_WORDS = 0.1
+
+
+def _is_needed(record: logging.LogRecord) -> bool:
+    """Not where uvicorn takes an answer that was broken off for a fault of the application:
+    `Draining` has told of it."""
+    return record.msg != "ASGI callable returned without completing response."
 
 
 class DrainingServer(uvicorn.Server):
@@ -46,8 +52,9 @@ class DrainingServer(uvicorn.Server):
         self._told = False
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Begin to drain. A second signal, or another than SIGTERM, ends the server at once."""
-        if self._drain.begun:
+        """Begin to drain. A second signal after SIGTERM, or another one, ends the server as soon as
+        open requests had their last grace."""
+        if self._signal is not None:
             self._end(sig)
             return
         if sig != signal.SIGTERM:
@@ -72,13 +79,17 @@ class DrainingServer(uvicorn.Server):
         that as an error. Break off what is left then: uvicorn lets a connection be whose client
         does not read the rest, and uvloop fails to close around it."""
         self._drain.begin()
-        await super().shutdown(sockets)
-        if self.force_exit:
-            await self.lifespan.shutdown()
-        if self.server_state.connections:
-            await asyncio.sleep(_LAST_WORDS)
-        for connection in list(self.server_state.connections):
-            connection.transport.abort()
+        _uvicorn.addFilter(_is_needed)
+        try:
+            await super().shutdown(sockets)
+            if self.force_exit:
+                await self.lifespan.shutdown()
+            if self.server_state.connections:
+                await asyncio.sleep(_LAST_WORDS)
+            for connection in list(self.server_state.connections):
+                connection.transport.abort()
+        finally:
+            _uvicorn.removeFilter(_is_needed)
 
     def _end(self, sig: int) -> None:
         """End the server; requests get LAST_GRACE seconds."""

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import udim_origin
 from rhytid.errors import MeshError
+from rhytid.exports.textures.square_sums import Sums, with_square_sums
 from rhytid.exports.textures.tangents import Posed
 from rhytid.formats.exr_encoder import Texels
 from rhytid.formats.tile_header import TileHeader
@@ -137,29 +138,22 @@ class Chart:
         found: NDArray[T] = values.reshape(-1, *values.shape[2:])[self.nearest]
         return found
 
-    def around_inside(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The means of values (R, R) over the texels inside of the square around each, _AROUND
-        wide."""
-        found: NDArray[np.float32] = self._summed(values * self.inside) / self._counted
-        return found
-
     @cached_property
-    def _counted(self) -> NDArray[np.float32]:
-        """The share of the square around each texel that is inside, of half a texel where none
-        is."""
-        size = self._square
-        shares = self._summed(self.inside.astype(np.float32))
-        found: NDArray[np.float32] = np.maximum(shares, np.float32(0.5 / size**2))
-        return found
-
-    @property
-    def _square(self) -> int:
+    def around(self) -> int:
+        """Texels a side of the square around a texel, an odd number: `_AROUND` of the map."""
         return max(round(_AROUND * len(self.inside)), 1) | 1
 
-    def _summed(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        found: NDArray[np.float32] = scipy.ndimage.uniform_filter(
-            values, self._square, mode="constant"
-        )
+    @cached_property
+    def inside_around(self) -> NDArray[np.float32]:
+        """(R, R) how many texels of the square around each are inside, 0.5 where none is."""
+        found = np.empty(self.inside.shape, np.float32)
+
+        def note(sums: Sums) -> None:
+            first, counts = sums
+            found[first : first + len(counts)] = np.maximum(counts, 0.5)
+
+        inside = self.inside.__getitem__
+        with_square_sums(inside, len(found), self.around, note)
         return found
 
     def corner_weights(self, rows: slice) -> FloatArray:

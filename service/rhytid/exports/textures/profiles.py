@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from rhytid.errors import QueryError
-from rhytid.exports.textures import USUAL, Shine, normals, shine, stretch, writers
+from rhytid.exports.textures import USUAL, Shine, cavity, normals, shine, stretch, writers
 from rhytid.exports.textures.frame_map import Facts, FrameMap
 from rhytid.exports.textures.writers import image_library
 from rhytid.formats.exr_encoder import renamed as exr_renamed
@@ -112,20 +112,20 @@ _ALL = (
         writers.write_half, writers.plain_facts, described=False, packed=True, halves=True,
     ),
     Profile(
-        "png16", "png16-4", ".png", f"png16.{_UDIM_FIRST}", 2.0, 12,
+        "png16", "png16-4", ".png", f"png16.{_UDIM_FIRST}", 2.0, 14,
         writers.write_png16, writers.png16_facts, renamed=png_renamed,
     ),
     Profile(
-        "normal-gl", "normal-gl-5", ".png", f"normal-gl.{_UDIM_FIRST}", 6.0, 20,
+        "normal-gl", "normal-gl-5", ".png", f"normal-gl.{_UDIM_FIRST}", 6.0, 26,
         normals.write_normals, normals.normal_gl_facts, posed=True, renamed=png_renamed,
     ),
     Profile(
-        "normal-dx", "normal-dx-5", ".png", f"normal-dx.{_FRAME_FIRST}", 6.0, 20,
+        "normal-dx", "normal-dx-5", ".png", f"normal-dx.{_FRAME_FIRST}", 6.0, 26,
         normals.write_normals, normals.normal_dx_facts, posed=True, renamed=png_renamed,
     ),
     Profile(
-        "cavity", "cavity-3", ".png", f"cavity.{_FRAME_FIRST}", 1.0, 32,
-        writers.write_cavity, writers.cavity_facts, renamed=png_renamed,
+        "cavity", "cavity-3", ".png", f"cavity.{_FRAME_FIRST}", 1.0, 16,
+        cavity.write_cavity, cavity.cavity_facts, renamed=png_renamed,
     ),
     Profile(
         "weights", "weights-3", ".png", f"weights.{_FRAME_FIRST}", 3.0, 32,
@@ -136,7 +136,7 @@ _ALL = (
         stretch.write_stretch, stretch.stretch_facts, described=False, drawn=False, posed=True,
     ),
     Profile(
-        "blood", "blood-3", ".png", f"blood.{_UDIM_FIRST}", 2.0, 12,
+        "blood", "blood-3", ".png", f"blood.{_UDIM_FIRST}", 2.0, 14,
         stretch.write_blood, stretch.blood_facts, drawn=False, lagging=True, renamed=png_renamed,
     ),
     Profile(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.wording import install_hint
 from rhytid.errors import InputError, StorageError
-from rhytid.exports.textures.frame_map import Chart, Facts, FrameMap, attributes
+from rhytid.exports.textures.frame_map import Facts, FrameMap, attributes
 from rhytid.formats.exr_encoder import Texels, exr_body
 from rhytid.formats.png import png_parts
 from rhytid.formats.tiles import quantise
@@ -48,11 +48,6 @@ def png16_facts(map: FrameMap) -> Facts:
     """
     full = map.header.scale * _WHITE / (_MIDDLE - 1)
     return {"scale": map.header.scale, "midlevel": _MIDDLE / _WHITE, "range": full}
-
-
-def cavity_facts(map: FrameMap) -> Facts:
-    """Facts of cavity: a texel lies (1 - value) times `scale` below its surroundings."""
-    return {"scale": map.depth, "midlevel": 1.0}
 
 
 def write_float(path: Path, map: FrameMap, facts: Facts, compression: str = "zip") -> str:
@@ -108,13 +103,6 @@ def write_signed(path: Path, values: FloatMap, scale: float, map: FrameMap, fact
     return write_png(path, quantise(values, scale), map, facts, values, linear=True)
 
 
-def write_cavity(path: Path, map: FrameMap, facts: Facts) -> str:
-    """Write a grey PNG of 8 bits: white is as high as its surroundings or higher, black lower by
-    the depth of a furrow of strength 1, or more."""
-    values = cavity_map(map.heights(), map.chart(), map.depth)
-    return write_png(path, as_bytes(values), map, facts, values)
-
-
 def as_bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Values from 0 to 1 as codes of 8 bits."""
     codes: NDArray[np.uint8] = np.rint(values * 255.0).astype(np.uint8)
@@ -134,18 +122,6 @@ def write_png(
     texts = {name: str(v) for name, v in attributes(map.header, facts, *ends).items()}
     with atomic_write(path) as aside:
         return write_hashed(aside, png_parts(codes, texts, linear))
-
-
-def cavity_map(heights: NDArray[np.float32], chart: Chart, depth: float) -> NDArray[np.float32]:
-    """(R, R) from 1, no lower than the mean around it, to 0, lower by `depth` or more.
-
-    heights, depth: mesh units. Texels outside of the islands do not count in the mean. In the
-    padding a texel has the value of the nearest texel inside, beyond it 1.
-    """
-    mean = chart.around_inside(heights)
-    below = (heights - mean) / np.float32(depth)
-    cavity = chart.padded(1.0 + below.clip(-1.0, 0.0))
-    return np.where(chart.covered, cavity, np.float32(1.0)).astype(np.float32)
 
 
 def image_library() -> Any:

@@ -1,0 +1,74 @@
+"""Cavity maps: how far skin lies below its surroundings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.exports.textures.frame_map import Chart, Facts, FrameMap
+from rhytid.exports.textures.square_sums import Sums, with_square_sums
+from rhytid.exports.textures.writers import write_png
+from rhytid.support.cores import on_all_cores
+
+# Rows that a core pads at a time.
+_ROWS = 256
+_WHITE = 255
+
+
+def cavity_facts(map: FrameMap) -> Facts:
+    """Facts of cavity: a texel lies (1 - value) times `scale` below its surroundings."""
+    return {"scale": map.depth, "midlevel": 1.0}
+
+
+def write_cavity(path: Path, map: FrameMap, facts: Facts) -> str:
+    """Write a grey PNG of 8 bits: white is as high as its surroundings or higher, black lower by
+    the depth of a furrow of strength 1, or more."""
+    codes, ends = cavity_codes(map.heights(), map.chart(), map.depth)
+    return write_png(path, codes, map, facts, ends)
+
+
+def cavity_codes(
+    heights: NDArray[np.float32], chart: Chart, depth: float
+) -> tuple[NDArray[np.uint8], tuple[float, float]]:
+    """(R, R) codes, 255 for texels no lower than the mean around them, to 0, lower by `depth` or
+    more; and the least and the greatest value before rounding, 0 to 1.
+
+    heights, depth: mesh units. Texels outside of the islands do not count in the mean. In the
+    padding a texel has the value of the nearest texel inside, beyond it 1.
+    """
+    inside, counts = chart.inside, chart.inside_around
+    codes, ends = np.empty(heights.shape, np.uint8), list[tuple[float, float]]()
+
+    def found(sums: Sums) -> None:
+        first, total = sums
+        rows = slice(first, first + len(total))
+        total /= counts[rows]
+        np.subtract(heights[rows], total, out=total)
+        total /= depth
+        np.clip(total, -1.0, 0.0, out=total)
+        total += 1.0
+        there = inside[rows]
+        if there.any():
+            low, high = np.where(there, total, 1.0).min(), np.where(there, total, 0.0).max()
+            ends.append((float(low), float(high)))
+        total *= _WHITE
+        codes[rows] = np.rint(total, out=total)
+
+    with_square_sums(lambda rows: heights[rows] * inside[rows], len(heights), chart.around, found)
+    lows, highs = zip(*ends, strict=True)
+    high = max(highs) if chart.covered.all() else 1.0
+    return _padded(codes, chart), (min(lows), high)
+
+
+def _padded(codes: NDArray[np.uint8], chart: Chart) -> NDArray[np.uint8]:
+    flat, out = codes.reshape(-1), np.empty_like(codes)
+
+    def pad(first: int) -> None:
+        rows = slice(first, first + _ROWS)
+        np.take(flat, chart.nearest[rows], out=out[rows])
+        out[rows][~chart.covered[rows]] = _WHITE
+
+    on_all_cores(pad, range(0, len(codes), _ROWS))
+    return out
