@@ -132,7 +132,7 @@ def test_another_file_that_finds_no_room_is_told(tmp_path: Path) -> None:
 
 
 def test_a_name_that_only_begins_a_message_is_told() -> None:
-    told = pytest.raises(StorageError, match="denied: '/data/maps'$")
+    told = pytest.raises(StorageError, match=r"denied: '/data/maps'$")
     with told, storage_errors("/data/maps.exr cannot be written"):
         raise OSError(errno.EACCES, "denied", "/data/maps")
 

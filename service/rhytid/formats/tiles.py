@@ -16,14 +16,16 @@ from rhytid.formats.exr_encoder import exr_parts
 from rhytid.formats.half_floats import OVERFLOW, half_floats
 from rhytid.formats.png import encode_png
 from rhytid.formats.tile_header import TileHeader
+from rhytid.support.cores import on_all_cores
 
 __all__ = ["FORMATS", "Encoded", "TileFormat", "TileHeader", "encode", "quantise"]
 
 Tile = NDArray[np.float32]
 # Those that moments of slopes can be asked for in, and what their values are.
 OF_SLOPES = ("npy", "exr")
-# Texels that are quantised at a time: their doubles stay in the cache.
-_AT_ONCE = 1 << 16
+# Texels that are quantised at a time: their doubles stay in the cache. How many times a core does
+# so before another can take over: a tile is not worth that.
+_AT_ONCE, _STEPS = 1 << 16, 8
 SLOPE_CHANNELS = ("x", "y", "xx", "xy", "yy")
 
 
@@ -77,12 +79,16 @@ def quantise(tile: Tile, scale: float) -> NDArray[np.uint16]:
     """16 bit codes p with h = (p - 32768)/32767 · scale; what lies beyond ±scale is clipped."""
     out = np.empty(tile.shape, np.uint16)
     step = max(_AT_ONCE // max(tile.shape[1], 1), 1)
-    for start in range(0, len(tile), step):
-        codes = tile[start : start + step] * (32767.0 / np.float64(scale))
-        np.rint(codes, out=codes)
-        codes += 32768.0
-        np.clip(codes, 0.0, 65535.0, out=codes)
-        out[start : start + step] = codes
+
+    def part(begin: int) -> None:
+        for start in range(begin, min(begin + _STEPS * step, len(tile)), step):
+            codes = tile[start : start + step] * (32767.0 / np.float64(scale))
+            np.rint(codes, out=codes)
+            codes += 32768.0
+            np.clip(codes, 0.0, 65535.0, out=codes)
+            out[start : start + step] = codes
+
+    on_all_cores(part, range(0, len(tile), _STEPS * step))
     return out
 
 

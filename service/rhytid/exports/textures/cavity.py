@@ -10,10 +10,7 @@ from numpy.typing import NDArray
 from rhytid.exports.textures.frame_map import Chart, Facts, FrameMap
 from rhytid.exports.textures.square_sums import Sums, with_square_sums
 from rhytid.exports.textures.writers import write_png
-from rhytid.support.cores import on_all_cores
 
-# Rows that a core pads at a time.
-_ROWS = 256
 _WHITE = 255
 
 
@@ -59,16 +56,6 @@ def cavity_codes(
     with_square_sums(lambda rows: heights[rows] * inside[rows], len(heights), chart.around, found)
     lows, highs = zip(*ends, strict=True)
     high = max(highs) if chart.covered.all() else 1.0
-    return _padded(codes, chart), (min(lows), high)
-
-
-def _padded(codes: NDArray[np.uint8], chart: Chart) -> NDArray[np.uint8]:
-    flat, out = codes.reshape(-1), np.empty_like(codes)
-
-    def pad(first: int) -> None:
-        rows = slice(first, first + _ROWS)
-        np.take(flat, chart.nearest[rows], out=out[rows])
-        out[rows][~chart.covered[rows]] = _WHITE
-
-    on_all_cores(pad, range(0, len(codes), _ROWS))
-    return out
+    padded = chart.padded(codes)
+    padded[~chart.covered] = _WHITE
+    return padded, (min(lows), high)

@@ -36,6 +36,8 @@ _TEXELS = 1 << 18
 _AROUND = 1.0 / 64.0
 # Tolerance of a barycentric weight: the device looks up with UV that are rounded to float32.
 _ROUNDED = 1e-4
+# Rows that a core pads at a time.
+_ROWS = 256
 # Texels a side of what is searched at once, beside the margin around it.
 _BLOCK = 256
 # The values are data, not colours: the attribute of OpenEXR, and in plain words.
@@ -135,8 +137,15 @@ class Chart:
     def padded(self, values: NDArray[T]) -> NDArray[T]:
         """(R, R, …) values whose texels outside of the islands have the value of the nearest texel
         inside."""
-        found: NDArray[T] = values.reshape(-1, *values.shape[2:])[self.nearest]
-        return found
+        flat, out = values.reshape(-1, *values.shape[2:]), np.empty_like(values)
+
+        def rows(start: int) -> None:
+            part = slice(start, start + _ROWS)
+            # Numbers are of texels that there are: to check them costs a copy.
+            np.take(flat, self.nearest[part], axis=0, out=out[part], mode="clip")
+
+        on_all_cores(rows, range(0, len(out), _ROWS))
+        return out
 
     @cached_property
     def around(self) -> int:
