@@ -22,21 +22,22 @@ def cavity_facts(map: FrameMap) -> Facts:
 def write_cavity(path: Path, map: FrameMap, facts: Facts) -> str:
     """Write a grey PNG of 8 bits: white is as high as its surroundings or higher, black lower by
     the depth of a furrow of strength 1, or more."""
-    codes, ends = cavity_codes(map.heights(), map.chart(), map.depth)
-    return write_png(path, codes, map, facts, ends)
+    codes, least = cavity_codes(map.heights(), map.chart(), map.depth)
+    # The highest texel of all is no lower than those around it.
+    return write_png(path, codes, map, facts, (least, 1.0))
 
 
 def cavity_codes(
     heights: NDArray[np.float32], chart: Chart, depth: float
-) -> tuple[NDArray[np.uint8], tuple[float, float]]:
+) -> tuple[NDArray[np.uint8], float]:
     """(R, R) codes, 255 for texels no lower than the mean around them, to 0, lower by `depth` or
-    more; and the least and the greatest value before rounding, 0 to 1.
+    more; and the least value before rounding, 0 to 1.
 
     heights, depth: mesh units. Texels outside of the islands do not count in the mean. In the
     padding a texel has the value of the nearest texel inside, beyond it 1.
     """
     inside, counts = chart.inside, chart.inside_around
-    codes, ends = np.empty(heights.shape, np.uint8), list[tuple[float, float]]()
+    codes, lows = np.empty(heights.shape, np.uint8), list[float]()
 
     def found(sums: Sums) -> None:
         first, total = sums
@@ -46,16 +47,11 @@ def cavity_codes(
         total /= depth
         np.clip(total, -1.0, 0.0, out=total)
         total += 1.0
-        there = inside[rows]
-        if there.any():
-            low, high = np.where(there, total, 1.0).min(), np.where(there, total, 0.0).max()
-            ends.append((float(low), float(high)))
+        lows.append(float(np.where(inside[rows], total, 1.0).min()))
         total *= _WHITE
         codes[rows] = np.rint(total, out=total)
 
     with_square_sums(lambda rows: heights[rows] * inside[rows], len(heights), chart.around, found)
-    lows, highs = zip(*ends, strict=True)
-    high = max(highs) if chart.covered.all() else 1.0
     padded = chart.padded(codes)
     padded[~chart.covered] = _WHITE
-    return padded, (min(lows), high)
+    return padded, min(lows)
