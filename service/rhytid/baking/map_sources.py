@@ -24,13 +24,7 @@ from rhytid.engine.frames import Frame
 from rhytid.engine.messages import AssetInfo, Halves, MapQuery
 from rhytid.exports.displaced import Samples, Subdivided
 from rhytid.exports.meshes import mesh_format
-from rhytid.exports.textures.frame_map import (
-    Chart,
-    Facts,
-    FrameMap,
-    Padding,
-    VertexField,
-)
+from rhytid.exports.textures.frame_map import Chart, Facts, FrameMap, Padding, VertexField
 from rhytid.exports.textures.normals import NormalChart
 from rhytid.exports.textures.stretch import corner_weights, vertex_stretch
 from rhytid.exports.textures.tangents import Posed

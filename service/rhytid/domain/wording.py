@@ -8,6 +8,13 @@ def plural(count: int, one: str, several: str = "") -> str:
     return f"{count} {one if count == 1 else several or one + 's'}"
 
 
+def rough_count(number: float) -> str:
+    """A number to two digits: `510,000`, `1.2 million`."""
+    if number < 1e6:
+        return f"{float(f'{number:.2g}'):,.0f}"
+    return f"{number / 1e6:.2g} million" if number < 1e8 else f"{number / 1e6:.0f} million"
+
+
 def install_hint(extra: str) -> str:
     """How to install an extra: `in a clone of rhytid: pip install '.[x]'`, for no index has it."""
     return f"in a clone of rhytid: pip install '.[{extra}]'"

@@ -18,8 +18,6 @@ _LEVEL = 1
 # so only where the loop for long inputs takes the first byte. Up to 16 bytes go through another
 # loop, so they are flushed before the rest.
 _FIRST = 16
-
-
 # Of a zlib stream of 32 KiB of memory, at its fast level.
 _HEAD = b"\x78\x01"
 # Bits of the memory of a stream; below 0 for one without head and checksum.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.wording import plural
+from rhytid.domain.wording import plural, rough_count
 from rhytid.errors import SettingsError
 from rhytid.synthesis.pore_density import EDGES_PER_PORE, PACKING, SPACING
 from rhytid.synthesis.seams.charts import BORDER, SIDES, neighbours
@@ -113,7 +113,7 @@ class BuildSize:
 
     def __str__(self) -> str:
         told = (
-            f"about {_count(self.wrinkles)} wrinkles and {_count(self.pores)} pores, "
+            f"about {rough_count(self.wrinkles)} wrinkles and {rough_count(self.pores)} pores, "
             f"{_time(self.seconds)} on two cores, {self.nbytes / 1e9:.2g} GB"
         )
         return f"{told}; {LESS}" if self.is_long else told
@@ -150,12 +150,6 @@ def _measured(mesh: Mesh, across: NDArray[np.integer]) -> tuple[float, float]:
     pairs = np.sort(place.reshape(-1, 2), axis=1)
     _, first, count = np.unique(pairs, axis=0, return_index=True, return_counts=True)
     return area, float(length[first[count > 1]].sum())
-
-
-def _count(number: float) -> str:
-    if number < 1e6:
-        return f"{float(f'{number:.2g}'):,.0f}"
-    return f"{number / 1e6:.2g} million" if number < 1e8 else f"{number / 1e6:.0f} million"
 
 
 def _time(seconds: float) -> str:

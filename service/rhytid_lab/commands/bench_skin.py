@@ -15,6 +15,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.wording import rough_count
 from rhytid.engine.assets.graphs import check_graph
 from rhytid.errors import DeviceMemoryError
 from rhytid.pipeline.bins import map_count
@@ -84,7 +85,7 @@ def print_need(
     need.check(device)
     # Else they follow from the spacing, roughly.
     known = isinstance(wrinkles, int) or settings.graph.wrinkles is not None
-    count = f"{wrinkles:,.0f}" if known else f"about {float(f'{wrinkles:.2g}'):,.0f}"
+    count = f"{wrinkles:,.0f}" if known else f"about {rough_count(wrinkles)}"
     size = f"{settings.resolution} x {settings.resolution} texels, {count} wrinkles"
     print(f"rhytid bench: {size}: {need.text()}", file=sys.stderr, flush=True)
 

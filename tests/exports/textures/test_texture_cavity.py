@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from exports.textures.patches import all_triangles, curved, grid_mesh
 from rhytid.exports.textures import square_sums
-from rhytid.exports.textures.cavity import cavity_codes
 from rhytid.exports.textures.frame_map import Chart
 from rhytid.exports.textures.square_sums import Sums, with_square_sums
+from rhytid.exports.textures.writers import cavity_codes
 
 MESH, SIDE, DEPTH = grid_mesh(curved, 4), 96, 0.01
 

@@ -147,7 +147,7 @@ class Chart:
         on_all_cores(rows, range(0, len(out), _ROWS))
         return out
 
-    @cached_property
+    @property
     def around(self) -> int:
         """Texels a side of the square around a texel, an odd number: `_AROUND` of the map."""
         return max(round(_AROUND * len(self.inside)), 1) | 1
@@ -161,8 +161,7 @@ class Chart:
             first, counts = sums
             found[first : first + len(counts)] = np.maximum(counts, 0.5)
 
-        inside = self.inside.__getitem__
-        with_square_sums(inside, len(found), self.around, note)
+        with_square_sums(self.inside.__getitem__, len(found), self.around, note)
         return found
 
     def corner_weights(self, rows: slice) -> FloatArray:

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from rhytid.errors import QueryError
-from rhytid.exports.textures import USUAL, Shine, cavity, normals, shine, stretch, writers
+from rhytid.exports.textures import USUAL, Shine, normals, shine, stretch, writers
 from rhytid.exports.textures.frame_map import Facts, FrameMap
 from rhytid.exports.textures.writers import image_library
 from rhytid.formats.exr_encoder import renamed as exr_renamed
@@ -125,7 +125,7 @@ _ALL = (
     ),
     Profile(
         "cavity", "cavity-3", ".png", f"cavity.{_FRAME_FIRST}", 1.0, 16,
-        cavity.write_cavity, cavity.cavity_facts, renamed=png_renamed,
+        writers.write_cavity, writers.cavity_facts, renamed=png_renamed,
     ),
     Profile(
         "weights", "weights-3", ".png", f"weights.{_FRAME_FIRST}", 3.0, 32,

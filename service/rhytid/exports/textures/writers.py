@@ -16,19 +16,16 @@ from numpy.typing import NDArray
 
 from rhytid.domain.wording import install_hint
 from rhytid.errors import InputError, StorageError
-from rhytid.exports.textures.frame_map import Facts, FrameMap, attributes
+from rhytid.exports.textures.frame_map import Chart, Facts, FrameMap, attributes
+from rhytid.exports.textures.square_sums import Sums, with_square_sums
 from rhytid.formats.exr_encoder import Texels, exr_body
 from rhytid.formats.png import png_parts
 from rhytid.formats.tiles import quantise
-from rhytid.support.atomic_files import (
-    atomic_write,
-    storage_errors,
-    write_hashed,
-)
+from rhytid.support.atomic_files import atomic_write, storage_errors, write_hashed
 
 Codes = NDArray[np.uint8] | NDArray[np.uint16]
 FloatMap = NDArray[np.float32]
-_WHITE, _MIDDLE = 65535, 32768
+_WHITE, _MIDDLE, _WHITE_8 = 65535, 32768, 255
 # Texels a side of a tile in the file, as `maketx` has them.
 _TILE = 64
 # Marks a file that has levels already, so that no tool makes them again; and says what a renderer's
@@ -48,6 +45,11 @@ def png16_facts(map: FrameMap) -> Facts:
     """
     full = map.header.scale * _WHITE / (_MIDDLE - 1)
     return {"scale": map.header.scale, "midlevel": _MIDDLE / _WHITE, "range": full}
+
+
+def cavity_facts(map: FrameMap) -> Facts:
+    """Facts of cavity: a texel lies (1 - value) times `scale` below its surroundings."""
+    return {"scale": map.depth, "midlevel": 1.0}
 
 
 def write_float(path: Path, map: FrameMap, facts: Facts, compression: str = "zip") -> str:
@@ -103,6 +105,14 @@ def write_signed(path: Path, values: FloatMap, scale: float, map: FrameMap, fact
     return write_png(path, quantise(values, scale), map, facts, values, linear=True)
 
 
+def write_cavity(path: Path, map: FrameMap, facts: Facts) -> str:
+    """Write a grey PNG of 8 bits: white is as high as its surroundings or higher, black lower by
+    the depth of a furrow of strength 1, or more."""
+    codes, least = cavity_codes(map.heights(), map.chart(), map.depth)
+    # The highest texel of all is no lower than those around it.
+    return write_png(path, codes, map, facts, (least, 1.0))
+
+
 def as_bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Values from 0 to 1 as codes of 8 bits."""
     codes: NDArray[np.uint8] = np.rint(values * 255.0).astype(np.uint8)
@@ -122,6 +132,36 @@ def write_png(
     texts = {name: str(v) for name, v in attributes(map.header, facts, *ends).items()}
     with atomic_write(path) as aside:
         return write_hashed(aside, png_parts(codes, texts, linear))
+
+
+def cavity_codes(
+    heights: NDArray[np.float32], chart: Chart, depth: float
+) -> tuple[NDArray[np.uint8], float]:
+    """(R, R) codes, 255 for texels no lower than the mean around them, to 0, lower by `depth` or
+    more; and the least value before rounding, 0 to 1.
+
+    heights, depth: mesh units. Texels outside of the islands do not count in the mean. In the
+    padding a texel has the value of the nearest texel inside, beyond it 1.
+    """
+    inside, counts = chart.inside, chart.inside_around
+    codes, lows = np.empty(heights.shape, np.uint8), list[float]()
+
+    def found(sums: Sums) -> None:
+        first, total = sums
+        rows = slice(first, first + len(total))
+        total /= counts[rows]
+        np.subtract(heights[rows], total, out=total)
+        total /= depth
+        np.clip(total, -1.0, 0.0, out=total)
+        total += 1.0
+        lows.append(float(np.where(inside[rows], total, 1.0).min()))
+        total *= _WHITE_8
+        codes[rows] = np.rint(total, out=total)
+
+    with_square_sums(lambda rows: heights[rows] * inside[rows], len(heights), chart.around, found)
+    padded = chart.padded(codes)
+    padded[~chart.covered] = _WHITE_8
+    return padded, min(lows)
 
 
 def image_library() -> Any:
